@@ -1,20 +1,10 @@
 //! Tests clients in other languages, from the folder that users get, against the real processes.
 
-use harness::{Rig, SHORT_HOLD, in_real_time, repository, soon, wait_until};
+use harness::{Killed, Rig, SHORT_HOLD, in_real_time, repository, soon, wait_until};
 use messages::Mode;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-
-/// A client process. It ends with the test, whatever the result.
-struct Client(Child);
-
-impl Drop for Client {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
+use std::process::{Command, Stdio};
 
 /// Returns the interpreter of a virtual environment with the client and these packages in it. Prints the reason if there
 /// is none.
@@ -42,15 +32,15 @@ fn python_example_publishes_until_interrupted() {
         let mut script = Command::new("env");
         script.arg("--default-signal=INT").arg(&python).arg(&example).arg(rig.folder());
         script.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut script = Client(script.spawn().expect("it starts"));
+        let mut script = Killed(script.spawn().expect("it starts"));
         // Nothing inhibits engaging once a plausible person is visible.
         operator.wait_free();
-        harness::interrupt(&script.0);
+        harness::interrupt(&script);
         let (mut printed, mut wrong) = (String::new(), String::new());
-        script.0.stdout.take().expect("a pipe").read_to_string(&mut printed).expect("its words");
-        script.0.stderr.take().expect("a pipe").read_to_string(&mut wrong).expect("its words");
+        script.stdout.take().expect("a pipe").read_to_string(&mut printed).expect("its words");
+        script.stderr.take().expect("a pipe").read_to_string(&mut wrong).expect("its words");
         let expected = format!("publishing 60 frames a second to {}; Ctrl-C ends\n", rig.folder().display());
-        let ended = script.0.wait().expect("it ends");
+        let ended = script.wait().expect("it ends");
         assert!(ended.success() && printed == expected && wrong.is_empty(), "{printed}{wrong}");
     });
 }
@@ -93,7 +83,7 @@ fn camera_client_with_a_video_moves_the_robot() {
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .spawn();
-        let _script = Client(script.expect("it starts"));
+        let _script = Killed(script.expect("it starts"));
         operator.engage_until(Mode::Engaging);
         observer.wait_moving();
     });
@@ -113,8 +103,8 @@ fn python_script_in_the_background_ends_on_sigint() {
         heard.display(),
         heard.display()
     );
-    let mut shell = Client(Command::new("sh").arg("-c").arg(line).spawn().expect("a shell"));
-    wait_until("ended", || shell.0.try_wait().expect("its state").is_some());
+    let mut shell = Killed(Command::new("sh").arg("-c").arg(line).spawn().expect("a shell"));
+    wait_until("ended", || shell.try_wait().expect("its state").is_some());
     let printed = std::fs::read_to_string(&heard).expect("what it said");
     let expected = format!("publishing to {}; Ctrl-C ends\n", rig.folder().display());
     assert_eq!(printed, expected);
@@ -186,10 +176,10 @@ fn python_client_grips_and_reads_what_the_robot_answers() {
         std::fs::write(rig.folder().join("own_person.py"), OWN_PERSON).expect("a file");
         let mut script = Command::new(&python);
         script.args(["-c", GRIPS]).args([rig.folder(), rig.folder()]).stdin(Stdio::null()).stdout(Stdio::piped());
-        let mut script = Client(script.spawn().expect("it starts"));
+        let mut script = Killed(script.spawn().expect("it starts"));
         operator.engage_until(Mode::Engaged);
         let mut printed = String::new();
-        script.0.stdout.take().expect("a pipe").read_to_string(&mut printed).expect("its words");
+        script.stdout.take().expect("a pipe").read_to_string(&mut printed).expect("its words");
         let printed: serde_json::Value = serde_json::from_str(&printed).expect("an answer");
         assert!(printed["sentence"].as_str().is_some_and(|sentence| sentence.len() > 5), "{printed}");
         let clearance = |side: usize| printed["clearance_m"][side].as_f64().expect("a number");

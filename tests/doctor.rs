@@ -1,6 +1,6 @@
 //! Tests `teleopd doctor` on machines and instances that are really broken.
 
-use harness::{Rig, holds_for, wait_until};
+use harness::{Rig, assert_ends, holds_for, wait_until};
 use instance::Instance;
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -191,10 +191,7 @@ fn refused_demo_starts_and_replaces_nothing() {
     ] {
         let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"));
         demo.arg("demo").args(arguments).args(["--run-dir", &place("run")]).current_dir(harness::repository());
-        let output = demo.output().expect("it runs");
-        let printed = harness::stderr(&output);
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {printed}");
-        assert!(parts.iter().all(|part| printed.contains(part)), "{arguments:?}: {printed}");
+        assert_ends(&mut demo, code, &parts);
         assert!(!Path::new(&place("run/driver.log")).exists(), "{arguments:?}: a process was started");
     }
     for name in ["walk.json", "run.mcap"] {
@@ -208,23 +205,15 @@ fn settings_copied_alone_are_refused_by_key_and_path() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let config = folder.path().join("mine.toml");
     std::fs::copy(harness::config(), &config).expect("settings");
-    let check = || {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
-        let output = command.arg("check").arg("--config").arg(&config).output().expect("it runs");
-        assert_eq!(output.status.code(), Some(EX_CONFIG));
-        harness::stderr(&output)
+    let refused = |parts: &[&str]| {
+        let mut check = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+        assert_ends(check.arg("check").arg("--config").arg(&config), EX_CONFIG, parts);
     };
-    let printed = check();
-    for words in
-        ["robots/tiago_dual.toml: No such file", "robot.file in ", "mine.toml", "relative to the settings file"]
-    {
-        assert!(printed.contains(words), "{words}: {printed}");
-    }
+    refused(&["robots/tiago_dual.toml: No such file", "robot.file in ", "mine.toml", "relative to the settings file"]);
     let robots = format!("\"{}/config/robots/", harness::repository().display());
     let text = std::fs::read_to_string(&config).expect("settings").replace("\"robots/", &robots);
     std::fs::write(&config, text).expect("settings");
-    let printed = check();
-    assert!(printed.contains("weights.file in ") && printed.contains("tiago_dual.toml: No such file"), "{printed}");
+    refused(&["weights.file in ", "tiago_dual.toml: No such file"]);
 }
 
 #[test]

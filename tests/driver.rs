@@ -1,6 +1,6 @@
 //! A driver's own program in place of the simulated robot: the example of docs/src/drivers.md, compiled and run.
 
-use harness::{DRIVER, Rig, in_real_time};
+use harness::{DRIVER, Rig, assert_ends, in_real_time};
 use messages::Mode;
 use serde_json::Value;
 use std::os::unix::fs::PermissionsExt;
@@ -26,13 +26,8 @@ fn with_program(kind: &str, program: &str) -> Rig {
 fn example_driver_moves_its_robot_within_all_limits() {
     in_real_time(|| {
         let mut rig = with_program("sim", &example().display().to_string());
-        rig.start_all();
-        let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
-        let before = observer.wait("there", |_| true);
-        let client = rig.client(&motion::builtin(), 1);
-        operator.engage_until(Mode::Engaged);
-        client.set_engaged(true);
-        let moved = observer.wait_moved(&before, 0.1);
+        let (operator, mut observer, _client) = rig.follow_builtin(0.1);
+        let moved = observer.wait("there", |_| true);
         let away = moved.q.iter().zip(&moved.q_measured).map(|(q, measured)| (q - measured).abs()).fold(0.0, f64::max);
         assert!(away > 0.0 && away < 0.05, "measured {away} from the setpoint: its own servos follow");
         operator.release();
@@ -75,10 +70,7 @@ fn program_or_interface_of_a_driver_that_cannot_be_is_refused() {
         if command[0] != "check" {
             called.arg("--run-dir").arg(rig.folder());
         }
-        let output = called.output().expect("it runs");
-        let printed = harness::stderr(&output);
-        assert_eq!(output.status.code(), Some(code), "{command:?}: {printed}");
-        assert!(sentences.iter().all(|sentence| printed.contains(sentence)), "{command:?}: {printed}");
+        assert_ends(&mut called, code, sentences);
     }
 }
 

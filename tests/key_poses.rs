@@ -2,13 +2,12 @@
 //! in a browser if there is one.
 
 use crate::browser::Browser;
-use crate::viewer::{Page, Received, Viewer};
-use harness::{Operator, Rig, SOON, config, in_real_time};
+use crate::viewer::{self, Page, Received, Viewer};
+use harness::{Operator, Rig, SOON, assert_ends, config, in_real_time};
 use messages::{Fault, Faults, JOINTS_MAX, Mode, Service, Skeleton};
 use poses::triangle::{POSES, Triangle};
 use retarget::{ARMS, ArmModel, ArmQ, Limbs, PRIOR_WEIGHT, features, limb_error_deg, refine};
 use serde_json::json;
-use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use tungstenite::Message;
 
@@ -23,6 +22,14 @@ fn lead(page: &mut Page, what: &str, shares: [f64; 3], done: impl FnMut(&Receive
     page.drive(what, Duration::from_millis(100), send, done);
 }
 
+/// The shipped settings, and the default poses of their robot.
+fn default_poses() -> (config::Loaded, Triangle) {
+    let loaded = config::load(&config(), config::Overrides::default()).expect("settings");
+    let network = &loaded.weights.as_ref().expect("weights").network;
+    let triangle = Triangle::new(&loaded.model, network, &POSES.map(str::to_owned)).expect("poses");
+    (loaded, triangle)
+}
+
 /// Goal of the robot: the limb directions, and the joint positions that retargeting finds for them.
 struct Goal {
     arm: ArmModel,
@@ -35,9 +42,8 @@ struct Goal {
 
 impl Goal {
     fn at(shares: &[f64; 3]) -> Self {
-        let loaded = config::load(&config(), config::Overrides::default()).expect("settings");
+        let (loaded, triangle) = default_poses();
         let network = &loaded.weights.as_ref().expect("weights").network;
-        let triangle = Triangle::new(&loaded.model, network, &POSES.map(str::to_owned)).expect("poses");
         let arm = ArmModel::from_model(&loaded.model);
         let limbs = triangle.q(shares).each_ref().map(|q| arm.forward(q));
         let q = limbs.each_ref().map(|human| {
@@ -73,9 +79,7 @@ impl Goal {
 /// From corner to corner in `view::EDGE_S` no joint exceeds its speed limit. The robot keeps up with the mix.
 #[test]
 fn arms_between_default_poses_keep_up_with_the_handle() {
-    let loaded = config::load(&config(), config::Overrides::default()).expect("settings");
-    let network = &loaded.weights.as_ref().expect("weights").network;
-    let triangle = Triangle::new(&loaded.model, network, &POSES.map(str::to_owned)).expect("poses");
+    let (loaded, triangle) = default_poses();
     let mut needs_s = 0.0_f64;
     for (from, to) in [(0, 1), (1, 2), (2, 0)] {
         let at = |i: u32| {
@@ -117,19 +121,9 @@ fn robot_follows_the_dragged_handle_until_the_page_is_silent() {
             });
         }
         // The page stops sending the handle while the enable is held. The person disappears, and the robot holds.
-        let mut silent = String::new();
-        page.drive(
-            "silent",
-            Duration::ZERO,
-            |page| page.request("keep"),
-            |received| {
-                let off = received.message("mix").filter(|message| message["on"] == false);
-                off.inspect(|message| silent = message["text"].to_string()).is_some()
-            },
-        );
+        let silent = page.keep_until_off("mix");
         assert!(silent.contains("stopped answering"), "{silent}");
-        operator
-            .wait("holding", |status| status.mode == Mode::Holding as u32 || status.mode == Mode::Disengaged as u32);
+        operator.wait_stopped();
         let domain = bus::Domain::open(rig.instance.core_domain(), "test").expect("the core domain");
         let mut skeletons = domain.reader::<Skeleton>(Service::Skeleton).expect("skeletons");
         for _ in 0..30 {
@@ -186,22 +180,12 @@ fn invalid_mix_or_flood_ends_the_page() {
 fn invalid_key_poses_are_refused_by_name() {
     let rig = Rig::idle("");
     for (arguments, code, expected) in [
-        (vec!["--key-poses", "t-pose,rest"], 64, "--key-poses: pose t-pose,rest: 2 poses; a triangle needs 3"),
-        (vec!["--key-poses", "t-pose,rest,headstand"], 64, "pose headstand: must be FILE.bvh:FRAME"),
-        (vec!["--key-poses", "t-pose,rest,missing.bvh:1"], 66, "missing.bvh"),
-        (vec!["--key-poses", "t-pose,rest,clap", "a.mcap"], 2, "cannot be used with"),
+        (&["--key-poses", "t-pose,rest"][..], 64, "--key-poses: pose t-pose,rest: 2 poses; a triangle needs 3"),
+        (&["--key-poses", "t-pose,rest,headstand"], 64, "pose headstand: must be FILE.bvh:FRAME"),
+        (&["--key-poses", "t-pose,rest,missing.bvh:1"], 66, "missing.bvh"),
+        (&["--key-poses", "t-pose,rest,clap", "a.mcap"], 2, "cannot be used with"),
     ] {
-        let output = Command::new(env!("CARGO_BIN_EXE_teleopd"))
-            .args(["view", "--port", "0", "--config"])
-            .arg(config())
-            .arg("--run-dir")
-            .arg(rig.folder())
-            .args(&arguments)
-            .stdin(Stdio::null())
-            .output()
-            .expect("it runs");
-        let text = harness::stderr(&output);
-        assert!(output.status.code() == Some(code) && text.contains(expected), "{arguments:?}: {output:?}");
+        assert_ends(&mut viewer::command(&rig, arguments), code, &[expected]);
     }
 }
 

@@ -1,7 +1,7 @@
 //! Tests exhausted resources: shared memory, disk, file descriptors. Each test uses its own small file system
 //! instead of a full one. If the system does not allow the mount, the test says so and ends.
 
-use harness::{Operator, Rig, config, in_real_time, wait_until};
+use harness::{Operator, Rig, assert_ends, config, in_real_time, wait_until};
 use messages::Mode;
 use std::fs::File;
 use std::io::Write;
@@ -122,16 +122,10 @@ fn f081_running_processes_open_no_more_descriptors() {
 #[test]
 fn f081_too_few_descriptors_are_refused_at_the_start() {
     let rig = Rig::idle("");
-    let output = Command::new("prlimit")
-        .args(["--nofile=12", env!("CARGO_BIN_EXE_teleopd"), "driver", "--config"])
-        .arg(config())
-        .arg("--run-dir")
-        .arg(rig.folder())
-        .output()
-        .expect("prlimit runs");
-    let printed = harness::stderr(&output);
-    assert_eq!(output.status.code(), Some(69), "{printed}");
-    assert!(printed.contains("12 open files are allowed, 256 are needed"), "{printed}");
+    let mut driver = Command::new("prlimit");
+    driver.args(["--nofile=12", env!("CARGO_BIN_EXE_teleopd"), "driver", "--config"]).arg(config());
+    let few = "12 open files are allowed, 256 are needed";
+    assert_ends(driver.arg("--run-dir").arg(rig.folder()), 69, &[few]);
 }
 
 #[test]

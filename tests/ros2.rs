@@ -4,7 +4,7 @@ mod driven;
 mod grippers;
 mod interfaces;
 
-use harness::{Cable, DRIVER, Rig, holds_for, repository, shell, soon, wait_until};
+use harness::{Cable, DRIVER, Killed, Rig, holds_for, repository, shell, soon, wait_until};
 use messages::Mode;
 use serde_json::Value;
 use std::io::Write;
@@ -61,7 +61,7 @@ const TOO_LATE: i32 = 75;
 
 /// A robot that another program plays. It ends with the test.
 struct Peer {
-    child: Child,
+    child: Killed,
     faults: Option<ChildStdin>,
     folder: tempfile::TempDir,
 }
@@ -89,7 +89,7 @@ impl Peer {
         command.args(["--domain", &domain.to_string()]).args(more);
         command.arg("--report").arg(file("report.json")).arg("--trace").arg(file("trace.csv"));
         let log = std::fs::File::create(file("log")).expect("writable");
-        let mut child = command.stdin(Stdio::piped()).stdout(log).spawn().expect("it starts");
+        let mut child = Killed(command.stdin(Stdio::piped()).stdout(log).spawn().expect("it starts"));
         wait_for(&mut child, &file("log"), "ready");
         let faults = child.stdin.take();
         Some(Self { child, faults, folder })
@@ -122,13 +122,6 @@ impl Peer {
         let number = |field: &str| field.parse().unwrap_or(f64::NAN);
         let rows = text("trace.csv").lines().skip(1).map(|row| row.split(',').map(number).collect()).collect();
         Some((serde_json::from_str(&text("report.json")).expect("JSON"), rows))
-    }
-}
-
-impl Drop for Peer {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
     }
 }
 
@@ -217,9 +210,7 @@ fn f115_robot_on_ros2_that_is_not_ready_is_refused_with_a_sentence() {
             "the emergency stop is pressed",
         ],
     );
-    let output = rig.run("driver");
-    let printed = harness::stderr(&output);
-    assert!(output.status.code() == Some(69) && printed.contains("the robot is not ready"), "{printed}");
+    rig.assert_ends("driver", 69, &["the robot is not ready"]);
 }
 
 #[test]
@@ -292,7 +283,7 @@ fn robot_behind_a_lossy_network_goes_on_following() {
 
 /// A robot on Fast DDS that a program in C++ plays. It ends with the test.
 struct FastPeer {
-    child: Child,
+    child: Killed,
     log: PathBuf,
     _folder: tempfile::TempDir,
 }
@@ -308,7 +299,7 @@ impl FastPeer {
         command.arg("--robot").arg(robots.join("tiago_dual.toml")).arg("--urdf").arg(robots.join("tiago_dual.urdf"));
         command.args(["--domain", &domain.to_string(), "--address", "127.0.0.1", "--reliability", reliability]);
         let file = std::fs::File::create(&log).expect("writable");
-        let mut child = command.stdin(Stdio::piped()).stdout(file).spawn().expect("it starts");
+        let mut child = Killed(command.stdin(Stdio::piped()).stdout(file).spawn().expect("it starts"));
         wait_for(&mut child, &log, "ready");
         Some(Self { child, log, _folder: folder })
     }
@@ -335,13 +326,6 @@ impl FastPeer {
         assert!(self.child.wait().expect("a child").success(), "the peer failed");
         let text = std::fs::read_to_string(&self.log).expect("a log");
         serde_json::from_str(text.lines().last().expect("a report")).expect("JSON")
-    }
-}
-
-impl Drop for FastPeer {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
     }
 }
 

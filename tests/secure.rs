@@ -1,8 +1,8 @@
 //! Tests the page for other machines: TLS, certificate, token and hosts.
 
 use crate::browser::Browser;
-use crate::viewer::Viewer;
-use harness::{Rig, SOON};
+use crate::viewer::{self, Viewer};
+use harness::{Rig, SOON, assert_ends};
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, ServerName};
 use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
@@ -160,9 +160,7 @@ fn certificate_is_kept_for_its_names_and_its_key_is_private() {
     std::fs::set_permissions(&key, std::fs::Permissions::from_mode(0o644)).expect("it is ours");
     let refuses = |names: &str, code: i32, expected: &str| {
         let tls = folder.path().to_str().expect("UTF-8");
-        let output = crate::viewer::command(&rig, &["--https", names, "--tls", tls]).output().expect("it runs");
-        let printed = harness::stderr(&output);
-        assert!(output.status.code() == Some(code) && printed.contains(expected), "{names}: {output:?}");
+        assert_ends(&mut viewer::command(&rig, &["--https", names, "--tls", tls]), code, &[expected]);
     };
     refuses("127.0.0.1,robot.local", 73, "others may read this key (mode 644); it must be 600");
     refuses("192.0.2.1", 69, "--https: 192.0.2.1: no interface of this machine has it");

@@ -3,12 +3,12 @@
 
 use crate::browser::{Browser, text};
 use crate::viewer::camera::{Camera, image};
-use crate::viewer::{Received, Viewer};
-use harness::{Rig, SOON, config, holds_for, in_real_time, repository, within};
+use crate::viewer::{self, Received, Viewer};
+use harness::{Rig, SOON, assert_ends, holds_for, in_real_time, repository, within};
 use messages::{CalibrationSource, Mode, Service, Skeleton};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::time::{Duration, Instant};
 use tungstenite::Message;
 
@@ -69,19 +69,9 @@ fn f124_page_measures_its_person_and_robot_follows_images_until_they_stop() {
         assert!(!written && printed.contains("robot"), "{printed}");
         assert_eq!(operator.mode(), Some(Mode::Engaged));
         // The camera stalls, and the page answers otherwise.
-        let mut text = String::new();
-        camera.page.drive(
-            "silent",
-            Duration::ZERO,
-            |page| page.request("keep"),
-            |received| {
-                let off = received.message("camera").filter(|message| message["on"] == false);
-                off.inspect(|message| text = message["text"].to_string()).is_some()
-            },
-        );
+        let text = camera.page.keep_until_off("camera");
         assert!(text.contains("No image came"), "{text}");
-        operator
-            .wait("holding", |status| status.mode == Mode::Holding as u32 || status.mode == Mode::Disengaged as u32);
+        operator.wait_stopped();
         let domain = bus::Domain::open(rig.instance.core_domain(), "test").expect("the core domain");
         let mut skeletons = domain.reader::<Skeleton>(Service::Skeleton).expect("skeletons");
         while skeletons.latest().is_some() {}
@@ -154,39 +144,20 @@ fn missing_camera_files_give_errors_that_name_the_remedy() {
     let made = "--camera full makes one of the networks that npm installed";
     let full = PathBuf::from("full");
     std::fs::write(&text, b"<html>").expect("no model");
-    for (arguments, code, expected) in [
-        (vec![&empty], 66, "none.task: --camera: no such file; --camera full makes one"),
-        (vec![&text], 66, "text.task: --camera: it is no .task file, which is a zip archive; --camera full"),
-        (
-            vec![&operator],
-            66,
-            "hand_landmarker.task: --camera: it holds no pose_detector.tflite, so it is no pose landmarker",
-        ),
-        (vec![&part], 66, "part.task: --camera: it holds no pose_detector.tflite"),
-        (vec![&full], 66, "pose_solution_packed_assets.data: --camera full: No such file"),
-        (vec![&model], 66, "vision_bundle.mjs: --vision: no such file; `npm ci --prefix tools/camera`"),
+    for (camera, expected) in [
+        (&empty, "none.task: --camera: no such file; --camera full makes one"),
+        (&text, "text.task: --camera: it is no .task file, which is a zip archive; --camera full"),
+        (&operator, "hand_landmarker.task: --camera: it holds no pose_detector.tflite, so it is no pose landmarker"),
+        (&part, "part.task: --camera: it holds no pose_detector.tflite"),
+        (&full, "pose_solution_packed_assets.data: --camera full: No such file"),
+        (&model, "vision_bundle.mjs: --vision: no such file; `npm ci --prefix tools/camera`"),
     ] {
-        let output = Command::new(env!("CARGO_BIN_EXE_teleopd"))
-            .args(["view", "--port", "0", "--config"])
-            .arg(config())
-            .arg("--run-dir")
-            .arg(rig.folder())
-            .arg("--vision")
-            .arg(folder.path())
-            .arg("--camera")
-            .args(&arguments)
-            .stdin(Stdio::null())
-            .output()
-            .expect("it runs");
-        let printed = harness::stderr(&output);
-        assert!(output.status.code() == Some(code) && printed.contains(expected), "{arguments:?}: {output:?}");
-        assert_eq!(printed.contains(made), ![&model, &full].contains(&arguments[0]), "{printed}");
+        let mut view = viewer::command(&rig, &[]);
+        let printed = assert_ends(view.arg("--vision").arg(folder.path()).arg("--camera").arg(camera), 66, &[expected]);
+        assert_eq!(printed.contains(made), ![&model, &full].contains(&camera), "{printed}");
     }
-    let recorded = Command::new(env!("CARGO_BIN_EXE_teleopd"))
-        .args(["view", "a.mcap", "--camera", "pose.task"])
-        .output()
-        .expect("it runs");
-    assert!(harness::stderr(&recorded).contains("cannot be used with"), "{recorded:?}");
+    let mut view = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+    assert_ends(view.args(["view", "a.mcap", "--camera", "pose.task"]), 2, &["cannot be used with"]);
 }
 
 #[test]
@@ -294,7 +265,7 @@ fn browser_camera_leads_the_robot_until_it_is_stopped() {
     browser.click("#cam-on");
     browser.wait_text("cam-state", "off");
     browser.wait("nothing is recorded any more", "document.getElementById('cam-video').srcObject === null");
-    operator.wait("holding", |status| status.mode == Mode::Holding as u32 || status.mode == Mode::Disengaged as u32);
+    operator.wait_stopped();
     // A hidden page turns the camera off. Shown again, it does not turn it on.
     assert!(leads(&mut browser, "true"), "it led before");
     browser.hide();

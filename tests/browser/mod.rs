@@ -2,11 +2,12 @@
 #![allow(dead_code)]
 
 use base64::Engine;
+use harness::Killed;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
 use std::path::PathBuf;
-use std::process::{Child, ChildStderr, Command, Stdio};
+use std::process::{ChildStderr, Command, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tungstenite::stream::MaybeTlsStream;
@@ -23,7 +24,7 @@ pub const HIDE: &str = "Object.defineProperty(document, 'hidden', { value: true,
 
 /// A browser with one page.
 pub struct Browser {
-    child: Child,
+    _child: Killed,
     socket: WebSocket<MaybeTlsStream<TcpStream>>,
     session: String,
     asked: u64,
@@ -114,7 +115,15 @@ impl Browser {
             }
         };
         let (socket, _) = tungstenite::connect(door).expect("its door");
-        Some(Self { child, socket, session: String::new(), asked: 0, _output: printed, _folder: folder, _turn: turn })
+        Some(Self {
+            _child: Killed(child),
+            socket,
+            session: String::new(),
+            asked: 0,
+            _output: printed,
+            _folder: folder,
+            _turn: turn,
+        })
     }
 
     /// Creates the page at `address`, and attaches to it.
@@ -294,11 +303,4 @@ pub fn text(id: &str) -> String {
 /// Returns the bytes of a picture in base64.
 pub fn decode_base64(picture: &str) -> Vec<u8> {
     base64::engine::general_purpose::STANDARD.decode(picture).expect("base64")
-}
-
-impl Drop for Browser {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }

@@ -2,12 +2,12 @@
 
 pub mod camera;
 
-use harness::{Rig, SOON};
+use harness::{Killed, Rig, SOON};
 use messages::Mode;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
-use std::process::{Child, ChildStdout, Command, Stdio};
+use std::process::{ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::stream::MaybeTlsStream;
@@ -15,7 +15,7 @@ use tungstenite::{Message, WebSocket};
 
 /// `teleopd view` of an instance.
 pub struct Viewer {
-    child: Child,
+    _child: Killed,
     pub address: String,
     /// Words that it printed until the address.
     pub printed: String,
@@ -29,7 +29,7 @@ impl Viewer {
 
     /// Starts it with these additional arguments.
     pub fn with(rig: &Rig, arguments: &[&str]) -> Self {
-        let mut child = command(rig, arguments).stdout(Stdio::piped()).spawn().expect("it starts");
+        let mut child = Killed(command(rig, arguments).stdout(Stdio::piped()).spawn().expect("it starts"));
         let mut output = BufReader::new(child.stdout.take().expect("its words"));
         let (mut printed, mut line) = (String::new(), String::new());
         // Words about the certificate come before.
@@ -40,7 +40,7 @@ impl Viewer {
         }
         let address = line.trim().split(' ').next_back().expect("an address").to_owned();
         assert!(address.contains("://127.0.0.1:"), "{line}");
-        Self { child, address, printed, _output: output }
+        Self { _child: child, address, printed, _output: output }
     }
 
     pub fn host(&self) -> &str {
@@ -81,13 +81,6 @@ pub fn command(rig: &Rig, arguments: &[&str]) -> Command {
         .args(arguments);
     command.stdin(Stdio::null());
     command
-}
-
-impl Drop for Viewer {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }
 
 /// Period of a page's message that the enable is still pressed.
@@ -190,6 +183,21 @@ impl Page {
             }
             assert!(Instant::now() < give_up, "never {what}");
         }
+    }
+
+    /// Keeps the enable pressed until the server says that this source of a person is off. Returns its reason.
+    pub fn keep_until_off(&mut self, kind: &str) -> String {
+        let mut reason = String::new();
+        self.drive(
+            "off",
+            Duration::ZERO,
+            |page| page.request("keep"),
+            |received| {
+                let off = received.message(kind).filter(|message| message["on"] == false);
+                off.inspect(|message| reason = message["text"].to_string()).is_some()
+            },
+        );
+        reason
     }
 
     /// Reads until a frame is in this mode. Keeps the enable pressed if `keep` is set.

@@ -14,9 +14,6 @@ pub struct Cable {
 
 impl Cable {
     /// Lays it, with addresses in 10.231.`subnet`.0/24. The error says why it cannot.
-    ///
-    /// # Errors
-    /// Returns an error that names the command that failed.
     pub fn lay(namespace: &'static str, ends: [&'static str; 2], subnet: u8) -> Result<Self, String> {
         let cable = Self { namespace, ends, host: format!("10.231.{subnet}.1") };
         let [here, there] = ends;
@@ -38,17 +35,11 @@ impl Cable {
     }
 
     /// Runs a command there.
-    ///
-    /// # Errors
-    /// Returns what the command said.
     pub fn there(&self, command: &str) -> Result<(), String> {
         shell(&format!("{} {command}", self.prefix().join(" ")))
     }
 
     /// Drops this share of the packets in each way, %. Fragments of a datagram are packets of their own.
-    ///
-    /// # Errors
-    /// Returns an error if the kernel has no such rules.
     pub fn lose(&self, percent: u32) -> Result<(), String> {
         let which = if percent < 100 { format!("numgen random mod 100 < {percent}") } else { String::new() };
         for (n, end) in self.ends.into_iter().enumerate() {
@@ -75,9 +66,6 @@ impl Drop for Cable {
 }
 
 /// Runs a command of the shell.
-///
-/// # Errors
-/// Returns what the command said.
 pub fn shell(command: &str) -> Result<(), String> {
     let done = Command::new("sh").args(["-c", command]).output().map_err(|error| error.to_string())?;
     let printed = String::from_utf8_lossy(&done.stderr);

@@ -27,13 +27,14 @@ pub use observer::StateObserver;
 pub use operator::{Look, Operator};
 pub use pause::{assert_always, in_real_time};
 pub use python::python;
-pub use rig::{DRIVER, OperatorSession, Rig, SHORT_HOLD, assert_no_violations, interrupt, modes};
+pub use rig::{DRIVER, OperatorSession, Rig, SHORT_HOLD, assert_no_violations, interrupt, modes, signal};
 pub use running::{Harness, publisher};
 pub use settings::write as write_settings;
 pub use wait::{Pace, SOON, holds_for, soon, wait_until, within};
 
+use std::ops::{Deref, DerefMut};
 use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::process::{Child, Command, Output, Stdio};
 
 /// Returns the root of the source tree.
 pub fn repository() -> PathBuf {
@@ -44,6 +45,42 @@ pub fn repository() -> PathBuf {
 /// Returns the settings file of the source tree.
 pub fn config() -> PathBuf {
     repository().join("config/teleop.toml")
+}
+
+/// A process that is killed when the test ends.
+pub struct Killed(pub Child);
+
+impl Deref for Killed {
+    type Target = Child;
+
+    fn deref(&self) -> &Child {
+        &self.0
+    }
+}
+
+impl DerefMut for Killed {
+    fn deref_mut(&mut self) -> &mut Child {
+        &mut self.0
+    }
+}
+
+impl Drop for Killed {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Runs a program without input. Checks its exit code, and that its standard error contains all parts. Returns that text.
+#[track_caller]
+pub fn assert_ends(command: &mut Command, code: i32, parts: &[&str]) -> String {
+    let output = command.stdin(Stdio::null()).output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
+    let printed = stderr(&output);
+    assert_eq!(output.status.code(), Some(code), "{command:?}: {printed}");
+    for part in parts {
+        assert!(printed.contains(part), "{command:?}: {part:?} is missing: {printed}");
+    }
+    printed
 }
 
 /// Returns what a program wrote to its standard output.

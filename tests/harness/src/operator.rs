@@ -38,9 +38,6 @@ impl std::ops::Deref for Operator {
 
 impl Operator {
     /// Connects to an operator socket.
-    ///
-    /// # Errors
-    /// Returns an error if it does not answer.
     pub fn connect(socket: PathBuf) -> Result<Self, Failure> {
         Ok(Self { session: OperatorSession::connect(&socket)?, socket })
     }
@@ -57,9 +54,6 @@ impl Operator {
 
     /// Brings the instance from any state to one in which it can be engaged: nothing is latched and nothing
     /// blocks it.
-    ///
-    /// # Errors
-    /// Returns an error with `Exit::Failed` if it does not reach that state.
     pub fn clear(&mut self, look: Look) -> Result<(), Failure> {
         if self.is_cut_off() {
             self.session = OperatorSession::connect(&self.socket)?;
@@ -86,9 +80,6 @@ impl Operator {
     }
 
     /// Waits for `mode` after the enable, which this operator or another one holds.
-    ///
-    /// # Errors
-    /// Returns an error with `Exit::Failed` if the mode does not come.
     pub fn reach(&self, mode: Mode, look: Look) -> Result<(), Failure> {
         let begun = |status: &Status| status.mode != Mode::Disengaged as u32;
         let ended = |status: &Status| !begun(status) || status.mode == Mode::Faulted as u32;
@@ -102,9 +93,6 @@ impl Operator {
     }
 
     /// Holds the enable of a robot that moves, for this time.
-    ///
-    /// # Errors
-    /// Returns an error with `Exit::Failed` if the robot was stopped or released.
     pub fn hold(&self, length: Duration, look: Look) -> Result<(), Failure> {
         let ended =
             |status: &Status| matches!(Mode::from_u32(status.mode), Some(Mode::Faulted | Mode::Disengaged) | None);

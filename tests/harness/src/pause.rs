@@ -53,9 +53,6 @@ pub(crate) fn forget() {
 }
 
 /// Asserts what must hold beside any pause. A robot that broke a limit is never excused, and the test never runs again.
-///
-/// # Panics
-/// Panics with `text` if the condition is false.
 #[track_caller]
 pub fn assert_always(is_met: bool, text: impl std::fmt::Display) {
     if !is_met {

@@ -6,9 +6,6 @@ use std::sync::Mutex;
 
 /// Makes the virtual environment `folder` if it is not there, and installs packages into it with these words of `pip
 /// install`. Returns its interpreter. Threads of one program take turns, and each package is installed once by a program.
-///
-/// # Errors
-/// Returns the reason why there is none: no Python, or no network.
 pub fn python(folder: &Path, packages: &[&str]) -> Result<PathBuf, String> {
     static INSTALLED: Mutex<Vec<(PathBuf, String)>> = Mutex::new(Vec::new());
     let mut installed = INSTALLED.lock().unwrap_or_else(std::sync::PoisonError::into_inner);

@@ -2,13 +2,13 @@
 
 use crate::operator::Operator;
 use crate::running::{Harness, publisher};
-use crate::{StateObserver, assert_always, config, soon, wait_until};
+use crate::{StateObserver, assert_always, assert_ends, config, soon, wait_until};
 use client::{Publisher, Transport};
 use messages::{Fault, Mode, Status};
 use motion::Motion;
 use serde_json::Value;
 use std::path::PathBuf;
-use std::process::{Child, Command, ExitStatus, Output};
+use std::process::{Child, Command, ExitStatus};
 use std::time::Duration;
 
 /// The driver's process.
@@ -22,10 +22,11 @@ pub const SHORT_HOLD: &str = "safety.hold_timeout_ms = 1000.0";
 
 /// Sends Ctrl-C.
 pub fn interrupt(child: &Child) {
-    send("INT", child.id());
+    signal(child.id(), "INT");
 }
 
-fn send(signal: &str, id: u32) {
+/// Sends a process the signal with this name of kill(1).
+pub fn signal(id: u32, signal: &str) {
     let sent = Command::new("kill").args(["-s", signal, &id.to_string()]).status();
     assert!(sent.expect("kill(1) runs").success(), "process {id} took no {signal}");
 }
@@ -75,23 +76,16 @@ impl Rig {
         self.0.children.start_all().unwrap_or_else(|failure| panic!("{failure}"));
     }
 
-    /// Starts all processes, and lets the robot follow the built-in motion until it is in motion. `client` connects the
-    /// client, for example [`Rig::shared_memory_client`].
+    /// Starts all processes with [`SHORT_HOLD`], and lets the robot follow the built-in motion until it is in motion. `client`
+    /// connects the client, for example [`Rig::shared_memory_client`].
     pub fn moving(client: impl Fn(&Self) -> Publisher) -> (Self, OperatorSession, StateObserver, Publisher) {
-        let (rig, operator, client) = Self::engaged(client);
-        let mut observer = rig.state_observer();
-        observer.wait_moving();
-        (rig, operator, observer, client)
-    }
-
-    /// Starts all processes with [`SHORT_HOLD`], and engages the robot. The client plays the built-in motion from then on.
-    fn engaged(client: impl Fn(&Self) -> Publisher) -> (Self, OperatorSession, Publisher) {
         let mut rig = Self::with_settings(SHORT_HOLD);
         rig.start_all();
-        let (operator, client) = (rig.operator_session(), client(&rig));
+        let (operator, mut observer, client) = (rig.operator_session(), rig.state_observer(), client(&rig));
         operator.engage_until(Mode::Engaged);
         client.set_engaged(true);
-        (rig, operator, client)
+        observer.wait_moving();
+        (rig, operator, observer, client)
     }
 
     /// Starts all processes, and lets the robot follow the built-in motion until a joint moved by `by`, rad or m. The client
@@ -128,9 +122,10 @@ impl Rig {
         self.report(name).expect("figures")
     }
 
-    /// Runs a process that should end by itself, and returns its output.
-    pub fn run(&self, name: &str) -> Output {
-        self.children.command(name).output().expect("the process runs")
+    /// Runs a process that ends by itself. Checks its exit code, and that its standard error contains all parts.
+    #[track_caller]
+    pub fn assert_ends(&self, name: &str, code: i32, parts: &[&str]) {
+        assert_ends(&mut self.children.command(name), code, parts);
     }
 
     /// Returns the log of a process.
@@ -145,7 +140,7 @@ impl Rig {
 
     /// Sends the signal with this name of kill(1).
     pub fn signal(&self, name: &str, signal: &str) {
-        send(signal, self.id(name));
+        self::signal(self.id(name), signal);
     }
 
     /// Sends SIGKILL and waits until the process has ended.
@@ -256,6 +251,11 @@ impl OperatorSession {
     /// Waits until the robot can be engaged.
     pub fn wait_free(&self) -> Status {
         self.wait("free to engage", Operator::is_free)
+    }
+
+    /// Waits until the robot holds or is released.
+    pub fn wait_stopped(&self) -> Status {
+        self.wait("stopped", |status| [Mode::Holding, Mode::Disengaged].iter().any(|&mode| status.mode == mode as u32))
     }
 
     /// Waits until control has ticked for this time.

@@ -15,9 +15,6 @@ pub const CLIENT: &str = "client";
 pub const OPERATOR: &str = "operator";
 
 /// Starts this program again in the role [`CLIENT`] or [`OPERATOR`].
-///
-/// # Errors
-/// Returns an error if it does not start.
 pub fn start(role: &str, instance: &Instance) -> Result<Child, Failure> {
     let program = std::env::current_exe().map_err(Failure::with(Exit::OsErr))?;
     let mut command = Command::new(program);

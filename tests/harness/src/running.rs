@@ -52,9 +52,6 @@ pub struct Harness {
 impl Harness {
     /// Creates an instance without processes. They will start from `program`, with the settings `config`. With
     /// `changes`, in TOML, they get a changed copy of the settings.
-    ///
-    /// # Errors
-    /// Returns an error if the folder cannot be created, or the settings not be changed.
     pub fn new(program: PathBuf, config: &Path, changes: Option<&str>) -> Result<Self, Failure> {
         let turn = Turn::take();
         let mut harness = Self::idle(program, config, changes)?;
@@ -63,9 +60,6 @@ impl Harness {
     }
 
     /// The same for an instance that never runs. It waits for no other one.
-    ///
-    /// # Errors
-    /// Returns an error if the folder cannot be created, or the settings not be changed.
     pub fn idle(program: PathBuf, config: &Path, changes: Option<&str>) -> Result<Self, Failure> {
         // The prefix is short because the path of the operator's socket is limited to 107 bytes.
         let folder = tempfile::Builder::new().prefix("tp").tempdir();
@@ -85,9 +79,6 @@ impl Harness {
     }
 
     /// Creates an instance and starts all of its processes from this program, see [`crate::roles::main`].
-    ///
-    /// # Errors
-    /// Returns an error if a process does not start.
     pub fn start(config: &Path, changes: Option<&str>) -> Result<Self, Failure> {
         let program = std::env::current_exe().map_err(Failure::with(Exit::Software))?;
         let mut harness = Self::new(program, config, changes)?;
@@ -101,17 +92,11 @@ impl Harness {
     }
 
     /// Connects an operator.
-    ///
-    /// # Errors
-    /// Returns an error if the operator socket does not answer.
     pub fn operator(&self) -> Result<Operator, Failure> {
         Operator::connect(self.instance.operator_socket())
     }
 
     /// Fails if a process ended by itself.
-    ///
-    /// # Errors
-    /// Returns an error that names the process.
     pub fn watch(&mut self) -> Result<(), Failure> {
         match self.children.ended() {
             Some((name, status)) => Err(Failure::new(Exit::Failed, format!("{name} ended by itself ({status})"))),
@@ -140,9 +125,6 @@ impl Drop for Harness {
 }
 
 /// Starts a client that publishes `motion` in a loop, holding its first frame.
-///
-/// # Errors
-/// Returns an error if the client cannot publish there.
 pub fn publisher(to: Transport, motion: &Motion, session: u64) -> Result<Publisher, ClientError> {
     let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
     Publisher::start_on(to, Player::new(motion, play, session, rt::incarnation()), rt::now)

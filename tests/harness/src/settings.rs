@@ -13,9 +13,6 @@ const FILES: [(&str, &str, bool); 4] = [
 ];
 
 /// Writes the settings `config` with `changes` to `copy`. The changes are TOML, such as `realtime.policy = "other"`.
-///
-/// # Errors
-/// Returns an error that names the file, if it cannot be read or written, or lacks what changes.
 pub fn write(config: &Path, changes: &str, copy: &Path) -> Result<(), Failure> {
     let refuse = |cause: &dyn std::fmt::Display| Failure::new(Exit::Config, format!("{}: {cause}", config.display()));
     let text = std::fs::read_to_string(config).map_err(|error| refuse(&error))?;

@@ -73,9 +73,6 @@ impl Robot {
     }
 
     /// Loads the robot of a robot file. Its URDF lies beside it.
-    ///
-    /// # Panics
-    /// Panics if a file cannot be read or is invalid.
     pub fn load(path: &str) -> Self {
         let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
         let toml = read(Path::new(path));
