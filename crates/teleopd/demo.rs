@@ -82,24 +82,33 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
 
     operator.release();
     operator.wait(REST_WITHIN, |status| !matches!(mode_of(status), Mode::Engaging | Mode::Engaged | Mode::Holding));
-    drop((publisher, operator, server));
+    drop((operator, server));
     let mut trouble = children.stop();
     trouble.extend(recorder.as_mut().and_then(Recorder::stop));
-    trouble.extend(ended.err());
+    drop(publisher);
     if folder.temporary {
         instance.retire();
     }
     let report = Report::collect(&instance, simulator).map_err(|failure| {
         let mut causes = trouble.clone();
+        causes.extend(ended.as_ref().err().cloned());
         causes.push(failure.text);
         Failure::new(failure.exit, causes.join("; "))
     })?;
-    print_report(&report, options)?;
+    report.print();
+    if let Some(path) = &options.report {
+        let text = format!("{:#}\n", report.to_json());
+        std::fs::write(path, text).map_err(|error| Failure::new(Exit::Failed, rt::unwritable(path, &error)))?;
+    }
     if shutdown.requested() {
         return Ok(Exit::Interrupted);
     }
-    trouble.extend(report.complaints());
-    judged(trouble, &report)
+    let exit = judged(trouble, ended.err(), &report)?;
+    if !options.quiet {
+        out!("\nnext      {} tour shows the page, a Python client and a recording, in five minutes", TELEOPD.typed());
+    }
+    out!("{}", report.verdict());
+    Ok(exit)
 }
 
 /// Prints what is played, and who drives the robot if a program of the settings does.
@@ -119,26 +128,24 @@ fn print_inputs(motion: &motion::Motion, loaded: &Loaded) {
     }
 }
 
-/// Prints the report, and writes it to a file if the user asked for one. Otherwise suggests the next command to
-/// try.
-fn print_report(report: &Report, options: &cli::Demo) -> Result<(), Failure> {
-    report.print();
-    if let Some(path) = &options.report {
-        let text = format!("{:#}\n", report.to_json());
-        return std::fs::write(path, text).map_err(|error| Failure::new(Exit::Failed, rt::unwritable(path, &error)));
-    }
-    if !options.quiet {
-        out!("\nnext      {} tour shows the page, a Python client and a recording, in five minutes", TELEOPD.typed());
-    }
-    Ok(())
-}
-
-/// Returns the exit of a run with these troubles.
-fn judged(mut trouble: Vec<String>, report: &Report) -> Result<Exit, Failure> {
-    match (trouble.is_empty(), report.advice()) {
-        (true, None) => Ok(Exit::Ok),
-        (true, Some(advice)) => Err(Failure::new(Exit::Held, advice)),
-        (false, advice) => {
+/// Returns the exit of a run. `trouble` is that of the processes, and `ended` why the robot was stopped or did not engage. A
+/// machine that paused is no broken robot: then the run was only held.
+fn judged(mut trouble: Vec<String>, ended: Option<String>, report: &Report) -> Result<Exit, Failure> {
+    trouble.extend(report.violations());
+    let mut stops = report.stops();
+    stops.extend(ended);
+    match (trouble.is_empty(), stops.is_empty(), report.advice(), report.pause()) {
+        (true, true, None, _) => Ok(Exit::Ok),
+        (true, true, Some(advice), _) => Err(Failure::new(Exit::Held, advice)),
+        (true, false, _, Some(pause)) => {
+            let (why, book) = (stops.join("; "), "docs/src/real-time.md");
+            Err(Failure::new(
+                Exit::Held,
+                format!("{pause}: the robot stopped as it must; run it again, or see {book} ({why})"),
+            ))
+        }
+        (_, _, advice, _) => {
+            trouble.extend(stops);
             trouble.extend(advice);
             Err(Failure::new(Exit::Failed, trouble.join("; ")))
         }

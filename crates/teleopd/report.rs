@@ -2,7 +2,7 @@
 
 use crate::timeline::Timeline;
 use instance::Instance;
-use messages::{FAULTS, Fault, Response, TICK_HZ};
+use messages::{FAULTS, Fault, FaultRow, Response, TICK_HZ};
 use rt::out;
 use rt::{Exit, Failure};
 use serde::Deserialize;
@@ -14,6 +14,8 @@ const VIOLATIONS: [&str; 7] = ["position", "velocity", "acceleration", "jerk", "
 const TRUE_VIOLATIONS: [plant::ViolationKind; 7] = plant::ViolationKind::ALL;
 /// Smallest share of the motion that a robot must follow. Below it the robot counts as not following. Assumption.
 const FOLLOWED_MIN: f64 = 0.5;
+/// Pause of a process that explains a stopped robot, ms. `control` may miss ten deadlines in a row, 7 ms.
+const PAUSE_MS: f64 = 10.0;
 /// Percentiles of a latency.
 const PERCENTILES: [&str; 4] = ["p50", "p99", "p99_9", "max"];
 
@@ -52,10 +54,16 @@ impl Report {
         let length = last - first + 1;
         let mut ticks = Map::new();
         let mut missed = Map::new();
+        let mut pause = (0, Value::Null);
         for (name, timeline) in [("retarget", of_retarget), ("control", of_control), ("driver", of_driver)] {
             let ran = timeline.ticks_within(first, last);
             ticks.insert(name.into(), json!(ran));
             missed.insert(name.into(), json!(length - ran));
+            if let Some((k, lost)) = timeline.longest_pause().filter(|(_, lost)| *lost > pause.0) {
+                let [ms, at_s] =
+                    [lost as f64 * 1e3, k.saturating_sub(first) as f64].map(|ticks| ticks / TICK_HZ as f64);
+                pause = (lost, json!({ "process": name, "ms": ms, "at_s": at_s }));
+            }
         }
         let mut transitions = control["mode_transitions"].as_array().cloned().unwrap_or_default();
         for transition in &mut transitions {
@@ -72,6 +80,7 @@ impl Report {
             "seconds": length as f64 / TICK_HZ as f64,
             "ticks": ticks,
             "missed_deadlines": missed,
+            "longest_pause": pause.1,
             "latency_us": {
                 "skeleton_to_command": percentiles(&driver["telemetry"]["metrics"]["skeleton_to_command"]),
                 "target_to_command": percentiles(&driver["telemetry"]["metrics"]["target_to_command"]),
@@ -103,14 +112,14 @@ impl Report {
         &self.value
     }
 
-    /// Returns the checks that failed: a violation, a Stop fault, or no engagement. Empty if all was well.
-    pub fn complaints(&self) -> Vec<String> {
-        let mut complaints = Vec::new();
+    /// Returns the violations. Empty if no limit was broken.
+    pub fn violations(&self) -> Vec<String> {
+        let mut all = Vec::new();
         for kind in VIOLATIONS {
             match self.value["violations"][kind].as_u64() {
                 Some(0) => {}
-                Some(count) => complaints.push(format!("{count} {kind} violations")),
-                None => complaints.push(format!("{kind} violations were not counted")),
+                Some(count) => all.push(format!("{count} {kind} violations")),
+                None => all.push(format!("{kind} violations were not counted")),
             }
         }
         // A simulator of the user's own judges its robot by itself.
@@ -118,21 +127,45 @@ impl Report {
         for kind in TRUE_VIOLATIONS.map(plant::ViolationKind::name).into_iter().filter(|_| judged) {
             match self.value["robot"]["violations"][kind].as_u64() {
                 Some(0) => {}
-                Some(count) => complaints.push(format!("{count} {kind} violations of the joints' true motion")),
-                None => complaints.push(format!("{kind} violations of the joints' true motion were not counted")),
+                Some(count) => all.push(format!("{count} {kind} violations of the joints' true motion")),
+                None => all.push(format!("{kind} violations of the joints' true motion were not counted")),
             }
         }
-        for row in FAULTS.iter().filter(|row| row.response == Response::Stop) {
-            if self.value["faults"].get(row.name).is_some() {
-                let latch = self.value["first_latch"].as_str().filter(|_| row.fault == Fault::DriverFault);
-                let why = latch.map_or(String::new(), |why| format!(" First, {why}."));
-                complaints.push(format!("{}: {}{why}", row.name, row.meaning));
-            }
-        }
+        all
+    }
+
+    /// Returns what stopped the robot: Stop faults, or that it never engaged. Empty if all was well.
+    pub fn stops(&self) -> Vec<String> {
+        let raised = FAULTS.iter().filter(|row| row.response == Response::Stop);
+        let stop = |row: &FaultRow| {
+            let latch = self.value["first_latch"].as_str().filter(|_| row.fault == Fault::DriverFault);
+            let why = latch.map_or(String::new(), |why| format!(" First, {why}."));
+            format!("{}: {}{why}", row.name, row.meaning)
+        };
+        let mut all: Vec<_> = raised.filter(|row| self.value["faults"].get(row.name).is_some()).map(stop).collect();
         if !self.engaged() {
-            complaints.push("the robot was never engaged".into());
+            all.push("the robot was never engaged".into());
         }
-        complaints
+        all
+    }
+
+    /// Returns the checks that failed: a violation, a Stop fault, or no engagement. Empty if all was well.
+    pub fn complaints(&self) -> Vec<String> {
+        [self.violations(), self.stops()].concat()
+    }
+
+    /// Says when this machine ran a process for so long not that a robot must stop. `None` if it never did.
+    pub fn pause(&self) -> Option<String> {
+        let pause = &self.value["longest_pause"];
+        let (ms, at_s) = (pause["ms"].as_f64().filter(|ms| *ms >= PAUSE_MS)?, pause["at_s"].as_f64()?);
+        let process = pause["process"].as_str().unwrap_or("?");
+        Some(format!("this machine paused for {ms:.0} ms at {at_s:.1} s ({process})"))
+    }
+
+    /// The verdict of a run without complaint.
+    pub fn verdict(&self) -> String {
+        let share = self.value["followed"]["share"].as_f64().unwrap_or(0.0);
+        format!("OK: followed {:.0} %, no limit broken", 100.0 * share)
     }
 
     /// Returns advice if the robot followed for less than half of the time in which it should have. `None` if it
@@ -327,6 +360,10 @@ mod tests {
         assert_eq!((&all["meant_s"], &all["engaged_s"], &all["share"]), (&json!(10.0), &json!(4.0), &json!(0.4)));
         assert_eq!(all["holds"], json!([{ "why": "InputStale", "times": 2 }]));
         let report = Report { value: json!({ "followed": all }) };
+        assert_eq!((report.verdict().as_str(), report.pause()), ("OK: followed 40 %, no limit broken", None));
+        let pause = json!({ "process": "driver", "ms": 59.2, "at_s": 3.21 });
+        let paused = Report { value: json!({ "longest_pause": pause }) };
+        assert_eq!(paused.pause().as_deref(), Some("this machine paused for 59 ms at 3.2 s (driver)"));
         let advice = report.advice().expect("less than half");
         assert!(advice.contains("40 %") && advice.contains("InputStale"), "{advice}");
         // The robot still holds at the end of the run.

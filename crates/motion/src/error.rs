@@ -60,12 +60,16 @@ pub enum McapError {
     },
     #[error("holds more than {bound} skeletons")]
     Frames { bound: usize },
-    #[error("holds {count} skeletons of the layout {layout}, at least 2 are needed; its topics are {topics}")]
+    #[error(
+        "holds {count} skeletons of the schema {layout} (`record` writes them), at least 2 are needed; its topics are {topics}{broken}"
+    )]
     NoSkeletons {
         count: usize,
         layout: &'static str,
-        /// Topics of the file, the first 16.
+        /// Topics of the file with their schemas, the first 16.
         topics: String,
+        /// Why the file ended early. Empty if it did not.
+        broken: String,
     },
 }
 

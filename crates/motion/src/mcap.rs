@@ -183,12 +183,48 @@ impl<R: Read> Reader<R> {
     }
 }
 
-/// Reads the motion of the skeletons that `ingest` published. The motion gets the name `name`.
+/// Frames in the order of their time, without pauses and held frames.
+#[derive(Default)]
+struct Timed {
+    /// Time from the first one, s.
+    frames: Vec<(f64, Frame)>,
+    /// Time that is left out: all of it, and that of held frames, s.
+    cut_s: f64,
+    held_s: f64,
+    /// Time of the last change, s.
+    changed_s: f64,
+}
+
+impl Timed {
+    /// Adds a frame at `at_s` of the recording, unless it is held or its time has been.
+    fn add(&mut self, at_s: f64, frame: Frame) {
+        let mut at_s = at_s - self.cut_s;
+        if let Some((before_s, last)) = self.frames.last() {
+            if at_s <= *before_s {
+                return;
+            }
+            let is_held = (last.positions, last.rotations) == (frame.positions, frame.rotations);
+            self.changed_s = if is_held { self.changed_s } else { at_s };
+            if is_held && at_s - self.changed_s > HELD_S {
+                self.held_s += at_s - before_s;
+                self.cut_s += at_s - before_s;
+                return;
+            }
+            if at_s - before_s > PAUSE_S {
+                self.cut_s += at_s - before_s - 1.0 / RATE_HZ.0;
+                at_s = before_s + 1.0 / RATE_HZ.0;
+            }
+        }
+        self.frames.push((at_s, frame));
+    }
+}
+
+/// Reads the motion of the skeletons that `ingest` published, in the order in which the person was seen. Other programs write
+/// messages in another order. The motion gets the name `name`.
 pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
     let mut reader = Reader::new(input);
-    let mut timed: Vec<(f64, Frame)> = Vec::new();
-    let (mut begin_ns, mut cut_s, mut unusable) = (None, 0.0, 0_usize);
-    let (mut changed_s, mut held_s) = (0.0, 0.0);
+    let mut seen: Vec<(u64, Frame)> = Vec::new();
+    let mut unusable = 0_usize;
     while let Some(item) = reader.next_item()? {
         let Item::Message { channel, data, .. } = item else { continue };
         let skeletons = reader.source(channel).is_some_and(|source| source.schema == Skeleton::TYPE_NAME.as_str());
@@ -200,33 +236,35 @@ pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
             unusable += 1;
             continue;
         };
-        // Time at which the person was seen, from the header.
-        let origin = skeleton.header.origin.0;
-        let mut at_s = (origin.wrapping_sub(*begin_ns.get_or_insert(origin)) as i64) as f64 * 1e-9 - cut_s;
-        if let Some((before_s, last)) = timed.last() {
-            if at_s <= *before_s {
-                continue;
-            }
-            let is_held = (last.positions, last.rotations) == (frame.positions, frame.rotations);
-            changed_s = if is_held { changed_s } else { at_s };
-            if is_held && at_s - changed_s > HELD_S {
-                held_s += at_s - before_s;
-                cut_s += at_s - before_s;
-                continue;
-            }
-            if at_s - before_s > PAUSE_S {
-                cut_s += at_s - before_s - 1.0 / RATE_HZ.0;
-                at_s = before_s + 1.0 / RATE_HZ.0;
-            }
-        }
-        if timed.len() >= FRAMES_MAX {
+        if seen.len() >= FRAMES_MAX {
             return Err(McapError::Frames { bound: FRAMES_MAX });
         }
-        timed.push((at_s, frame));
+        // Time at which the person was seen, from the header.
+        seen.push((skeleton.header.origin.0, frame));
     }
+    seen.sort_by_key(|(origin, _)| *origin);
+    let begin_ns = seen.first().map_or(0, |(origin, _)| *origin);
+    let mut timed = Timed::default();
+    seen.into_iter().for_each(|(origin, frame)| timed.add((origin - begin_ns) as f64 * 1e-9, frame));
+    let Timed { frames: timed, cut_s, held_s, .. } = timed;
+    let broken = match reader.ending() {
+        Ending::BrokenOff(cause) => Some(cause.clone()),
+        Ending::Open | Ending::Complete | Ending::GoesOn => None,
+    };
     let (Some((last_s, _)), true) = (timed.last(), timed.len() >= 2) else {
-        let topics = reader.sources().map(|source| source.topic.clone()).take(16).collect::<Vec<_>>().join(", ");
-        return Err(McapError::NoSkeletons { count: timed.len(), layout: Skeleton::TYPE_NAME.as_str(), topics });
+        let source = |source: &Source| match source.schema.as_str() {
+            "" => format!("{} without a schema", source.topic),
+            schema => format!("{} ({schema})", source.topic),
+        };
+        let topics = reader.sources().map(source).take(16).collect::<Vec<_>>().join(", ");
+        let topics = if topics.is_empty() { "none".to_owned() } else { topics };
+        let broken = broken.map_or(String::new(), |cause| format!("; the file is damaged or truncated: {cause}"));
+        return Err(McapError::NoSkeletons {
+            count: timed.len(),
+            layout: Skeleton::TYPE_NAME.as_str(),
+            topics,
+            broken,
+        });
     };
     let rate_hz = ((timed.len() - 1) as f64 / last_s).clamp(RATE_HZ.0, RATE_HZ.1);
     let count = (last_s * rate_hz).round() as usize + 1;
@@ -234,8 +272,9 @@ pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
         return Err(McapError::Frames { bound: FRAMES_MAX });
     }
     let mut warnings = Vec::new();
-    if let Ending::BrokenOff(_) = reader.ending() {
-        warnings.push("the recording is truncated; it is used up to its last complete chunk".to_owned());
+    if let Some(cause) = broken {
+        warnings
+            .push(format!("the recording is damaged or truncated ({cause}); it is used up to its last whole chunk"));
     }
     if held_s > 0.0 {
         warnings.push(format!("{held_s:.1} s with a held (repeated) frame are left out"));
