@@ -21,8 +21,7 @@ pub struct Cli {
     /// the delay
     #[arg(long, value_name = "DIR", group = "what")]
     pub wires: Option<PathBuf>,
-    /// Folder of motion files whose frames `ingest` receives at several rates. Counts the frames that it
-    /// rejects
+    /// Folder of motion files whose frames `ingest` receives at several rates. Counts the frames that it rejects
     #[arg(long, value_name = "DIR", group = "what")]
     pub refusals: Option<PathBuf>,
     /// Folder of files of `tools/camera/render`: what a landmarker found in images of a person whose joints are known. How the

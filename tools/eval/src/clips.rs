@@ -1,12 +1,11 @@
-//! Recorded motion as input of the methods: the selected clips of a folder, and the motion of both arms in
-//! them.
+//! Recorded motion as input of the methods: the selected clips of a folder, and the motion of both arms in them.
 
 use messages::SMPL_JOINTS;
 use motion::{CalibrationMode, Motion};
 use retarget::Limbs;
 use rt::{Exit, Failure};
 use std::path::{Path, PathBuf};
-use train::clips::{VALIDATION_EVERY, is_validation, limb_frames, motion_files};
+use train::clips::{VALIDATION_EVERY, is_validation, limb_frames};
 
 /// Both arms as left arms: the left one, and the right one mirrored at the plane between left and right.
 pub type Human = [Limbs; 2];
@@ -30,7 +29,7 @@ fn unusable_clip(name: &str, reason: String) -> Failure {
 /// Returns the motion files of `folder`, sorted by name. If `names` are given, separated by commas, only those with
 /// such a name.
 pub fn chosen(folder: &Path, names: Option<&str>) -> Result<Vec<PathBuf>, Failure> {
-    let mut files = motion_files(folder)?;
+    let mut files = motion::motion_files(folder).map_err(Failure::with(Exit::NoInput))?;
     if let Some(names) = names.filter(|names| *names != "all") {
         let names: Vec<&str> = names.split(',').map(str::trim).collect();
         if let Some(name) = names.iter().find(|name| !files.iter().any(|file| stem(file) == **name)) {
@@ -45,9 +44,8 @@ pub(crate) fn stem(file: &Path) -> String {
     file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// Reads the clips of `folder` with these names, or `all`. Without names it reads
-/// the clips that training leaves out, or all if there are fewer than five. Also returns (file, reason) of those
-/// skipped.
+/// Reads the clips of `folder` with these names, or `all`. Without names it reads the clips that training leaves out,
+/// or all if there are fewer than five. Also returns (file, reason) of those skipped.
 pub fn read(
     folder: &Path,
     names: Option<&str>,

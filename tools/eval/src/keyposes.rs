@@ -124,8 +124,7 @@ fn pair(arm: &ArmModel, network: &Network, from: &Human, to: &Human) -> [One; 4]
     [one(&decode), one(&refined), one(&|s| straight(&decoded_ends, s)), one(&|s| straight(&refined_ends, s))]
 }
 
-/// Returns true if a path of joint positions never goes back along its chord, and its length relative to the
-/// chord.
+/// Returns true if a path of joint positions never goes back along its chord, and its length relative to the chord.
 pub fn shape(path: &[Posture]) -> Option<(bool, f64)> {
     let joints = |posture: &Posture| SVector::<f64, { 2 * ARM_Q }>::from_column_slice(posture.as_flattened());
     let chord = joints(path.last()?) - joints(path.first()?);

@@ -10,7 +10,6 @@ use rt::Failure;
 use std::path::Path;
 use std::sync::Arc;
 use train::baseline::Baseline;
-use train::error::TrainError;
 
 /// Refinement steps of the two baselines without a network.
 const BASELINE_STEPS: u32 = 3;
@@ -108,13 +107,10 @@ pub fn prepare(
                     if !base.with_extension("toml").exists() {
                         return Ok(Err(missing(&preset, &base)));
                     }
-                    match Baseline::read(&base, identity) {
-                        Ok(baseline) => Solver::Learned(Box::new(baseline)),
-                        Err(TrainError::OtherArm { .. }) => {
-                            return Ok(Err(lacking(&preset, &base, "is for another arm, use another --baselines")));
-                        }
-                        Err(error) => return Err(error.into()),
-                    }
+                    let Some(baseline) = Baseline::read(&base, identity)? else {
+                        return Ok(Err(lacking(&preset, &base, "is for another arm, use another --baselines")));
+                    };
+                    Solver::Learned(Box::new(baseline))
                 }
             },
         }))

@@ -92,8 +92,7 @@ fn joints(tasks: &[Task], robot: Robot<'_>, (task, frame): (usize, usize)) -> Op
     Some(with_limbs(&human, &limbs_of(arm, postures.get(task)?.get(frame)?)))
 }
 
-/// Returns the mean distance from hand to head over both hands and the frames in which the human's hands are
-/// nearest.
+/// Returns the mean distance from hand to head over both hands and the frames in which the human's hands are nearest.
 fn touch(tasks: &[Task], robot: Robot<'_>) -> Option<f64> {
     let (index, task) = tasks.iter().enumerate().find(|(_, task)| task.clip.name == TOUCH)?;
     let human: Vec<f64> = task.clip.positions.iter().map(hand_to_head).collect();

@@ -47,12 +47,20 @@ impl Refusals {
 pub fn count(config: &ingest::Config, motion: &Motion, calibration: CalibrationMode, rate_hz: f64) -> Refusals {
     let hinges = motion::calibrate(motion, calibration);
     let motion = motion::resampled(motion, rate_hz);
-    let (mut state, mut out, mut person) = (ingest::State::default(), Refusals::default(), None);
-    for i in 0..motion.frames.len() {
+    let frame = |i: usize| {
         let now = Stamp(BEGIN_NS + (i as f64 * 1e9 / rate_hz) as u64);
         let mut raw: RawSkeleton = motion::raw_frame(&motion, i, &hinges);
         (raw.header.sequence, raw.header.origin, raw.header.stamp) = (i as u64 + 1, now, now);
         (raw.header.incarnation, raw.session_nonce) = (1, 1);
+        (now, raw)
+    };
+    count_frames(config, (0..motion.frames.len()).map(frame))
+}
+
+/// Passes frames to `ingest`, each at the time of its arrival.
+pub(crate) fn count_frames(config: &ingest::Config, frames: impl Iterator<Item = (Stamp, RawSkeleton)>) -> Refusals {
+    let (mut state, mut out, mut person) = (ingest::State::default(), Refusals::default(), None);
+    for (now, raw) in frames {
         let skeleton = ingest::tick(config, &mut state, now, &raw).skeleton;
         out.frames += 1;
         let Some(skeleton) = skeleton else {

@@ -15,7 +15,7 @@ use robot::Model;
 use rt::{Exit, Failure};
 use serde_json::{Value, json};
 use std::path::Path;
-use train::clips::{VALIDATION_EVERY, motion_files};
+use train::clips::VALIDATION_EVERY;
 use train::files::read_model;
 
 /// Number of timed poses, spread over all clips.
@@ -53,7 +53,8 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), Failure> {
         eprintln!("skipped {file}: {reason}");
     }
     // A method should not be trained on the clips of its measurement.
-    let trains = cli.clips.is_none() && motion_files(human)?.len() >= VALIDATION_EVERY;
+    let files = motion::motion_files(human).map_err(Failure::with(Exit::NoInput))?;
+    let trains = cli.clips.is_none() && files.len() >= VALIDATION_EVERY;
     let training = if trains { human } else { Path::new("MOTIONS") };
     let methods = prepare(cli, training, &identity, weights.as_ref())?;
     let missing = methods.iter().find_map(|method| Some((&method.name, method.solver.as_ref().err()?)));

@@ -8,23 +8,22 @@
 
 use crate::cli::Cli;
 use crate::clips::Human;
-use crate::following::{Person, Sample};
-use crate::plots::{legend, name_line, paint_file};
+use crate::following::{DELAYED, Person, Sample, error_over_time};
+use crate::plots::paint_file;
+use crate::refusals::{Refusals, count_frames};
 use crate::run::{load, write_json};
 use crate::stick_figures::limbs_of;
 use ::report::print;
 use ::report::table::{self, column, number};
 use config::Loaded;
-use messages::{Layout, Mode, RawSkeleton, SkeletonLayout, Stamp, TICK_HZ, deadline};
+use messages::{Layout, Mode, RawSkeleton, SkeletonLayout, Stamp, TICK_HZ};
 use nalgebra::Vector3;
-use plotters::prelude::*;
 use rayon::prelude::*;
 use retarget::ArmModel;
 use rt::{Exit, Failure};
 use safety::engage::OperatorView;
 use serde::Serialize;
 use serde_json::json;
-use skeleton::DropReason;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
@@ -132,21 +131,11 @@ fn directions_deg(robot: &Human, person: &Human) -> f64 {
 
 /// Counts what `ingest` refuses.
 fn refuse(config: &ingest::Config, recorded: &Recorded, out: &mut Followed) {
-    let (mut state, mut person, mut frames, mut dropped) = (ingest::State::default(), None, 0_u64, 0_u64);
-    for raw in (0..played(recorded)).filter_map(|i| frame(recorded, i)) {
-        let now = Stamp(raw.header.origin.0 + LANDMARKS_AFTER_NS);
-        frames += 1;
-        match ingest::tick(config, &mut state, now, &raw).skeleton {
-            None => dropped += 1,
-            Some(skeleton) => {
-                out.strangers += u64::from(person.is_some_and(|known| known != skeleton.operator_id));
-                person = Some(skeleton.operator_id);
-            }
-        }
-    }
-    let reasons = DropReason::ALL.iter().map(|&reason| (reason.name(), state.skeleton.dropped(reason)));
-    out.reasons = reasons.filter(|(_, count)| *count > 0).collect();
+    let frames = (0..played(recorded)).filter_map(|i| frame(recorded, i));
+    let counted = count_frames(config, frames.map(|raw| (raw.header.origin.plus_ns(LANDMARKS_AFTER_NS), raw)));
+    let Refusals { frames, dropped, strangers, reasons, .. } = counted;
     (out.found, out.refused) = (frames as f64 / played(recorded) as f64, dropped as f64 / frames.max(1) as f64);
+    (out.strangers, out.reasons) = (strangers, reasons);
 }
 
 fn follow(loaded: &Loaded, config: &WorldConfig, recorded: &Recorded, person: &Person, out: &mut Followed) {
@@ -186,10 +175,7 @@ fn follow(loaded: &Loaded, config: &WorldConfig, recorded: &Recorded, person: &P
             }
         }
         if let (true, true, Some(command)) = (follows, since.is_multiple_of(SAMPLE_TICKS), control.command.as_ref()) {
-            let arms = |all: &[f64]| {
-                loaded.model.arms.each_ref().map(|arm| arm.mirrored(&std::array::from_fn(|i| all[arm.joints[i]])))
-            };
-            samples.push(Sample { at: deadline(command.k), q: arms(&command.q), v: arms(&command.v) });
+            samples.push(Sample::new(&loaded.model, command));
         }
     }
     out.engaged = engaged as f64 / judged.max(1) as f64;
@@ -272,19 +258,8 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
 }
 
 fn draw(folder: &Path, row: &Followed) -> Result<(), Failure> {
-    let colour = RGBColor(30, 110, 190);
-    paint_file(&folder.join(format!("{}.svg", row.clip)), (1080, 320), |area| {
-        let (end, high) = row.line.iter().fold((0.1_f64, 10.0_f64), |(x, y), point| (x.max(point.0), y.max(point.1)));
-        let caption = format!("{}: angle between robot and person, mean of four limbs", row.clip);
-        let mut chart = ChartBuilder::on(area)
-            .caption(caption, ("sans-serif", 18))
-            .margin(12)
-            .x_label_area_size(36)
-            .y_label_area_size(48)
-            .build_cartesian_2d(0.0..end, 0.0..high * 1.25)?;
-        chart.configure_mesh().max_light_lines(0).x_desc("seconds").y_desc("degrees").draw()?;
-        let drawn = chart.draw_series(LineSeries::new(row.line.iter().copied(), colour.stroke_width(2)))?;
-        name_line(drawn, &format!("person {} ms before", row.delay_ms.unwrap_or_default()), colour.stroke_width(2));
-        legend(&mut chart)
-    })
+    let name = format!("person {} ms before", row.delay_ms.unwrap_or_default());
+    let lines = [(name, vec![row.line.clone()], DELAYED)];
+    let file = folder.join(format!("{}.svg", row.clip));
+    paint_file(&file, (1080, 320), |area| error_over_time(area, &row.clip, &lines))
 }

@@ -1,5 +1,4 @@
-//! `eval --following`: the sign of the delay, the optimum against known motions, and the command on a short
-//! motion.
+//! `eval --following`: the sign of the delay, the optimum against known motions, and the command on a short motion.
 
 use clap::Parser;
 use eval::cli::Cli;
@@ -22,8 +21,7 @@ fn model() -> Model {
     read_model(&root().join("config/robots/tiago_dual.toml")).expect("the robot of the repository")
 }
 
-/// Every joint oscillates about the middle of its range, with a speed of at most `speed` rad/s and its own
-/// phase.
+/// Every joint oscillates about the middle of its range, with a speed of at most `speed` rad/s and its own phase.
 fn swing(arm: &ArmModel, t_s: f64, speed: f64) -> ArmQ {
     let pace = 2.0;
     std::array::from_fn(|j| arm.mid()[j] + speed / pace * (pace * t_s + j as f64).sin())

@@ -17,8 +17,7 @@ fn posture(arm: &ArmModel, rng: &mut Pcg64) -> ArmQ {
     std::array::from_fn(|j| rng.random_range(arm.q_min[j]..arm.q_max[j]))
 }
 
-/// Draws a rotation from a cube of quaternions. Any rotation is possible, but the distribution is not quite
-/// uniform.
+/// Draws a rotation from a cube of quaternions. Any rotation is possible, but the distribution is not quite uniform.
 fn rotation(rng: &mut Pcg64) -> UnitQuaternion<f64> {
     let mut next = || rng.random_range(-1.0..1.0);
     UnitQuaternion::new_normalize(Quaternion::new(next(), next(), next(), next()))

@@ -1,15 +1,15 @@
 //! Networks for comparison, which the product does not run. Each is one flat f16 tensor, and a manifest that
 //! describes it.
 
-use crate::error::TrainError;
-use crate::files::{read_text, with_suffix, write_both};
+use crate::files::{read_text, unreadable, with_suffix, write_both};
 use crate::kinematics::{ARM, Arm, FEATURES, HumanInput, Limbs};
 use crate::networks::{LATENT, Networks, Pose, REACH, Size};
 use crate::pairs::random_postures;
-use crate::session::encode_robot;
+use crate::session::{Session, encode_robot};
 use half::f16;
 use perceptron::{Perceptron, WIDTH_MAX};
 use retarget::{ArmIdentity, ArmQ, Layers, sha256_hex, xyzw_from_rotation};
+use rt::{Exit, Failure};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
@@ -18,6 +18,8 @@ use std::path::Path;
 
 const FORMAT: u32 = 1;
 const TENSOR: &str = "parameters";
+/// The baseline that looks postures up.
+const S3LE: &str = "s3le";
 /// Number of postures on which S3LE is trained and in which it looks up, and number of pairs (Choi et al.
 /// 2021).
 pub const S3LE_POSTURES: usize = 200_000;
@@ -35,8 +37,7 @@ pub struct BaselineManifest {
     pub robot_hash: String,
     pub size: Size,
     pub pose: Pose,
-    /// True if the posture is the nearest known one in the latent space (S3LE). Otherwise it is the decoder's
-    /// output.
+    /// True if the posture is the nearest known one in the latent space (S3LE). Otherwise it is the decoder's output.
     pub lookup: bool,
     pub seed: u64,
     pub steps: u64,
@@ -61,26 +62,42 @@ struct Known {
 impl Baseline {
     /// Writes `<base>.safetensors` and `<base>.toml`. The manifest comes last, because it holds the hash of the
     /// other file.
-    pub fn write(base: &Path, manifest: &BaselineManifest, parameters: &[f32]) -> Result<(), TrainError> {
+    pub fn write(
+        base: &Path,
+        name: String,
+        session: &Session,
+        identity: &ArmIdentity,
+        trained_on: String,
+    ) -> Result<(), Failure> {
+        let parameters = &session.adam.average;
         let data: Vec<u8> = parameters.iter().flat_map(|value| f16::from_f32(*value).to_le_bytes()).collect();
         let view = TensorView::new(Dtype::F16, vec![parameters.len()], &data).map_err(|error| damaged(base, error))?;
         let bytes = safetensors::serialize([(TENSOR, view)], None).map_err(|error| damaged(base, error))?;
-        let manifest = BaselineManifest { format: FORMAT, sha256: sha256_hex(&bytes), ..manifest.clone() };
+        let manifest = BaselineManifest {
+            format: FORMAT,
+            lookup: name == S3LE,
+            name,
+            sha256: sha256_hex(&bytes),
+            robot_hash: format!("{:016x}", identity.robot_hash),
+            size: session.options.size,
+            pose: session.options.pose,
+            seed: session.options.seed,
+            steps: session.step,
+            trained_on,
+        };
         let text = toml::to_string(&manifest).map_err(|error| damaged(base, error))?;
         write_both(base, &bytes, &text)
     }
 
-    /// Reads `<base>.safetensors` and `<base>.toml` for the arm `identity`.
-    pub fn read(base: &Path, identity: &ArmIdentity) -> Result<Self, TrainError> {
+    /// Reads `<base>.safetensors` and `<base>.toml`. `None` if they are for another arm than `identity`.
+    pub fn read(base: &Path, identity: &ArmIdentity) -> Result<Option<Self>, Failure> {
         let text = read_text(&with_suffix(base, ".toml"))?;
         let manifest: BaselineManifest = toml::from_str(&text).map_err(|error| damaged(base, error))?;
         if manifest.format != FORMAT {
             return Err(damaged(base, format!("format is {}, expected {FORMAT}", manifest.format)));
         }
-        let robot_hash = format!("{:016x}", identity.robot_hash);
-        if manifest.robot_hash != robot_hash {
-            let theirs = manifest.robot_hash;
-            return Err(TrainError::OtherArm { path: base.to_path_buf(), theirs, ours: robot_hash });
+        if manifest.robot_hash != format!("{:016x}", identity.robot_hash) {
+            return Ok(None);
         }
         let fits = (1..=2).contains(&manifest.pose.arms)
             && (1..=retarget::HIDDEN_MAX).contains(&manifest.size.hidden_layers)
@@ -90,7 +107,7 @@ impl Baseline {
         }
         let networks = Networks::new(manifest.size, manifest.pose);
         let path = with_suffix(base, ".safetensors");
-        let bytes = std::fs::read(&path).map_err(|source| TrainError::File { path, action: "read", source })?;
+        let bytes = std::fs::read(&path).map_err(|error| unreadable(&path, &error))?;
         let parameters = read_parameters(base, &bytes, &manifest, networks.parameters())?;
         let arm = Arm::from(&identity.arm);
         let known = manifest.lookup.then(|| {
@@ -100,7 +117,7 @@ impl Baseline {
         });
         let Layers { human, decoder, .. } = networks.layers(&parameters);
         let [human, decoder] = [human, decoder].map(|layers| Perceptron::new(&layers));
-        Ok(Self { manifest, human, decoder, arm, known })
+        Ok(Some(Self { manifest, human, decoder, arm, known }))
     }
 
     /// Returns joint positions, rad, within the limits: left arm and mirrored right arm of a frame.
@@ -156,16 +173,11 @@ pub fn single(limbs: &retarget::Limbs) -> Limbs {
     [limbs.upper, limbs.fore].map(|limb| xyzw_from_rotation(&limb).map(|v| v as f32))
 }
 
-fn damaged(base: &Path, reason: impl Display) -> TrainError {
-    TrainError::Baseline { path: base.to_path_buf(), reason: reason.to_string() }
+fn damaged(base: &Path, reason: impl Display) -> Failure {
+    Failure::new(Exit::DataErr, format!("{}: {reason}", base.display()))
 }
 
-fn read_parameters(
-    base: &Path,
-    bytes: &[u8],
-    manifest: &BaselineManifest,
-    count: usize,
-) -> Result<Vec<f32>, TrainError> {
+fn read_parameters(base: &Path, bytes: &[u8], manifest: &BaselineManifest, count: usize) -> Result<Vec<f32>, Failure> {
     let actual = sha256_hex(bytes);
     if actual != manifest.sha256 {
         return Err(damaged(base, format!("sha256 of the tensors is {actual}, the manifest says {}", manifest.sha256)));

@@ -1,6 +1,5 @@
 //! The command line.
 
-use crate::error::TrainError;
 use crate::networks::Size;
 use crate::optimiser::Schedule;
 use crate::preset::Preset;
@@ -8,6 +7,8 @@ use crate::sampling::Mixture;
 use crate::session::Options;
 use clap::Parser;
 use motion::CalibrationMode;
+use report::out_of_bounds;
+use rt::Failure;
 use std::path::PathBuf;
 
 /// Trains the shared latent space of one robot's arms from motion files and procedural poses, without labels.
@@ -64,19 +65,16 @@ fn calibration(text: &str) -> Result<CalibrationMode, String> {
 
 impl Cli {
     /// Returns the options of a new run.
-    pub fn options(&self) -> Result<Options, TrainError> {
+    pub fn options(&self) -> Result<Options, Failure> {
         let recipe = self.preset.recipe();
         let steps = self.steps.unwrap_or(recipe.steps);
         let batch = self.batch.unwrap_or(recipe.batch);
         let rate = self.rate.unwrap_or(recipe.rate);
-        let bounds = |option, value: String, expected: &str| {
-            Err(TrainError::Option { option, value, expected: expected.to_owned() })
-        };
         if batch < 4 || !batch.is_multiple_of(2) || batch > 65_536 {
-            return bounds("batch", batch.to_string(), "an even number from 4 to 65536");
+            return Err(out_of_bounds("--batch", batch, "an even number from 4 to 65536"));
         }
         if !(rate > 0.0 && rate <= 0.1) {
-            return bounds("rate", rate.to_string(), "above 0, at most 0.1");
+            return Err(out_of_bounds("--rate", rate, "above 0, at most 0.1"));
         }
         Ok(Options {
             size: Size { hidden_layers: 6, hidden_width: 128 },

@@ -1,11 +1,11 @@
 //! Recorded motion from a folder: training clips, validation clips, and the motion of each arm in them.
 
-use crate::error::TrainError;
 use crate::kinematics::Limbs;
 use crate::sampling::Recorded;
 use messages::LIMBS;
 use motion::{CalibrationMode, Motion};
-use std::path::{Path, PathBuf};
+use rt::{Exit, Failure};
+use std::path::Path;
 
 /// Distance between validation files. Of the files sorted by name, every fifth starting with the third is kept
 /// for validation. So figures of different versions are comparable.
@@ -40,10 +40,9 @@ pub struct Clips {
 }
 
 impl Clips {
-    /// Reads all motion files of `folder`. A file that cannot be read, or has no rotations, is skipped and
-    /// listed.
-    pub fn read(folder: &Path, calibration: CalibrationMode) -> Result<Self, TrainError> {
-        let files = motion_files(folder)?;
+    /// Reads all motion files of `folder`. A file that cannot be read, or has no rotations, is skipped and listed.
+    pub fn read(folder: &Path, calibration: CalibrationMode) -> Result<Self, Failure> {
+        let files = motion::motion_files(folder).map_err(Failure::with(Exit::NoInput))?;
         let mut clips = Self { training: Vec::new(), validation: Vec::new(), skipped: Vec::new() };
         for (index, file) in files.iter().enumerate() {
             match read_clip(file, calibration) {
@@ -53,14 +52,11 @@ impl Clips {
             }
         }
         if clips.training.is_empty() || clips.validation.is_empty() {
-            let reasons = clips.skipped.iter().map(|(file, reason)| format!("\n  {file}: {reason}")).collect();
-            return Err(TrainError::TooFewClips {
-                folder: folder.to_path_buf(),
-                found: files.len(),
-                usable: clips.training.len() + clips.validation.len(),
-                needed: VALIDATION_FIRST + 1,
-                reasons,
-            });
+            let reasons: String = clips.skipped.iter().map(|(file, reason)| format!("\n  {file}: {reason}")).collect();
+            let (usable, found) = (clips.training.len() + clips.validation.len(), files.len());
+            let (folder, needed) = (folder.display(), VALIDATION_FIRST + 1);
+            let text = format!("{usable} of {found} motion files are usable, at least {needed} are needed{reasons}");
+            return Err(Failure::new(Exit::DataErr, format!("{folder}: {text}")));
         }
         Ok(clips)
     }
@@ -75,16 +71,6 @@ impl Clips {
         let stride = all.len().div_ceil(count.max(1)).max(1);
         all.into_iter().step_by(stride).collect()
     }
-}
-
-pub fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
-    motion::motion_files(folder).map_err(|error| {
-        let source = match error {
-            motion::MotionError::Io { source, .. } => source,
-            other => std::io::Error::other(other),
-        };
-        TrainError::File { path: folder.to_path_buf(), action: "list", source }
-    })
 }
 
 fn read_clip(file: &Path, calibration: CalibrationMode) -> Result<Clip, String> {

@@ -1,34 +1,35 @@
 //! Reads the robot, and writes files completely or not at all.
 
-use crate::error::TrainError;
 use robot::Model;
+use rt::{Exit, Failure};
+use std::io::{Error, Write};
 use std::path::{Path, PathBuf};
 
-pub fn read_model(path: &Path) -> Result<Model, TrainError> {
-    let name = path.display().to_string();
-    let text = read_text(path)?;
-    let urdf = path.parent().unwrap_or(Path::new(".")).join(robot::urdf_file(&name, &text)?);
-    Ok(Model::from_text(&name, &text, &urdf.display().to_string(), &read_text(&urdf)?)?)
+pub fn read_model(path: &Path) -> Result<Model, Failure> {
+    let (name, text, config) = (path.display().to_string(), read_text(path)?, Failure::with(Exit::Config));
+    let urdf = path.parent().unwrap_or(Path::new(".")).join(robot::urdf_file(&name, &text).map_err(config)?);
+    Model::from_text(&name, &text, &urdf.display().to_string(), &read_text(&urdf)?).map_err(config)
 }
 
-pub(crate) fn read_text(path: &Path) -> Result<String, TrainError> {
-    std::fs::read_to_string(path).map_err(|source| TrainError::File {
-        path: path.to_path_buf(),
-        action: "read",
-        source,
-    })
+pub(crate) fn read_text(path: &Path) -> Result<String, Failure> {
+    std::fs::read_to_string(path).map_err(|error| unreadable(path, &error))
+}
+
+/// A file or folder of the user's cannot be read.
+pub(crate) fn unreadable(path: &Path, error: &Error) -> Failure {
+    Failure::new(Exit::NoInput, rt::unreadable(path, error))
 }
 
 /// Writes `bytes` to `path`. The file is either the old one or the new one, never a part.
-pub(crate) fn write_at_once(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
-    let failed = |source| TrainError::File { path: path.to_path_buf(), action: "write", source };
+pub(crate) fn write_at_once(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    let failed = |error| Failure::unwritable(path, &error);
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         std::fs::create_dir_all(folder).map_err(failed)?;
     }
     let partial = with_suffix(path, ".partial");
     let write = || {
         let mut file = std::fs::File::create(&partial)?;
-        std::io::Write::write_all(&mut file, bytes)?;
+        file.write_all(bytes)?;
         // If the rename came before the contents are on disk, a power cut could leave an empty file under the
         // final name.
         file.sync_all()?;
@@ -44,9 +45,8 @@ pub(crate) fn with_suffix(base: &Path, suffix: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// Writes `<base>.safetensors` and `<base>.toml`. The manifest comes last, because it holds the hash of the
-/// other file.
-pub fn write_both(base: &Path, tensors: &[u8], manifest: &str) -> Result<(), TrainError> {
+/// Writes `<base>.safetensors` and `<base>.toml`. The manifest comes last, because it holds the hash of the other file.
+pub fn write_both(base: &Path, tensors: &[u8], manifest: &str) -> Result<(), Failure> {
     write_at_once(&with_suffix(base, ".safetensors"), tensors)?;
     write_at_once(&with_suffix(base, ".toml"), manifest.as_bytes())
 }

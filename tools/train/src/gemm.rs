@@ -1,10 +1,9 @@
-//! Dense products and wide vectors. This is the only file of the trainer that needs `unsafe`.
-//!
-//! Two things need `unsafe`: the pointer interface of the `gemm` crate, and calling a function that is compiled
-//! for AVX-512. Both are wrapped here behind slices and checks.
+//! Dense products and wide vectors. This is the only file of the trainer that needs `unsafe`: the pointer interface of
+//! the `gemm` crate is wrapped here behind slices and checks.
 #![allow(unsafe_code)]
 
 use gemm::Parallelism;
+use pulp::Arch;
 
 /// A row-major matrix over a slice, optionally read transposed.
 #[derive(Clone, Copy, Debug)]
@@ -40,11 +39,10 @@ pub fn multiply(dst: &mut [f32], a: Mat<'_>, b: Mat<'_>, accumulate: bool) {
         return;
     }
     let ([a_rs, a_cs], [b_rs, b_cs]) = (a.steps, b.steps);
-    // SAFETY: `gemm` reads a[i * rs + j * cs] for i < m, j < inner. `Mat::new` checked that the storage holds
-    // rows * cols values. With these steps the largest index is rows * cols - 1 in either reading. The same
-    // holds for b. It writes dst[i * n + j] for i < m, j < n, and the length was asserted to be m * n. `dst` is
-    // an exclusive borrow, so it overlaps neither input. No parallelism is requested, so no pointer leaves this
-    // thread.
+    // SAFETY: `gemm` reads a[i * rs + j * cs] for i < m, j < inner. `Mat::new` checked that the storage holds rows *
+    // cols values. With these steps the largest index is rows * cols - 1 in either reading. The same holds for b. It
+    // writes dst[i * n + j] for i < m, j < n, and the length was asserted to be m * n. `dst` is an exclusive borrow, so
+    // it overlaps neither input. No parallelism is requested, so no pointer leaves this thread.
     unsafe {
         gemm::gemm(
             m,
@@ -74,34 +72,7 @@ pub fn multiply(dst: &mut [f32], a: Mat<'_>, b: Mat<'_>, accumulate: bool) {
 /// `#[inline(always)]`, or they stay at the baseline instruction set.
 #[inline]
 pub fn widest<R>(work: impl FnOnce() -> R) -> R {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if is_x86_feature_detected!("avx512f")
-            && is_x86_feature_detected!("avx512vl")
-            && is_x86_feature_detected!("avx512bw")
-            && is_x86_feature_detected!("avx512dq")
-        {
-            // SAFETY: the features that the callee is compiled for were just detected on this machine.
-            return unsafe { with_avx512(work) };
-        }
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: as above.
-            return unsafe { with_avx2(work) };
-        }
-    }
-    work()
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq,avx2")]
-fn with_avx512<R>(work: impl FnOnce() -> R) -> R {
-    work()
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn with_avx2<R>(work: impl FnOnce() -> R) -> R {
-    work()
+    Arch::new().dispatch(work)
 }
 
 #[cfg(test)]

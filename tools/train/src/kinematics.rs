@@ -89,8 +89,7 @@ pub fn features(limbs: &Limbs) -> [f32; FEATURES] {
     out
 }
 
-/// eps of the smoothed angle: S_GR of half a degree. Closer than that to 0 and 180 degrees the angle becomes
-/// quadratic.
+/// eps of the smoothed angle: S_GR of half a degree. Closer than that to 0 and 180 degrees the angle becomes quadratic.
 pub const ANGLE_SMOOTHING: f32 = 2e-5;
 
 /// Distance of an arm from the human's limbs, and its gradient.

@@ -10,7 +10,6 @@
 pub mod baseline;
 pub mod cli;
 pub mod clips;
-pub mod error;
 pub mod evaluation;
 pub mod files;
 pub mod gemm;

@@ -4,6 +4,9 @@
 //! followed by the biases. All layers are in one slice, so that the optimiser sees one vector.
 
 use crate::gemm::{Mat, multiply, widest};
+use perceptron::Dense;
+use rand::RngExt;
+use rand_pcg::Pcg64;
 use std::ops::Range;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,6 +73,26 @@ impl Mlp {
     /// Returns the index after its last parameter.
     pub fn end(&self) -> usize {
         self.layers.last().map_or(0, |layer| layer.bias.end)
+    }
+
+    /// Draws random weights. They are uniform with variance 2/inputs before a SiLU (He et al. 2015), and 1/inputs before
+    /// the output. Biases stay as they are.
+    pub fn draw(&self, parameters: &mut [f32], rng: &mut Pcg64) {
+        for (index, layer) in self.layers.iter().enumerate() {
+            let gain = if index == self.shape.hidden_layers { 1.0 } else { 2.0 };
+            let bound = (3.0 * gain / layer.input as f32).sqrt();
+            parameters[layer.weight.clone()].fill_with(|| rng.random_range(-bound..bound));
+        }
+    }
+
+    pub fn dense(&self, parameters: &[f32]) -> Vec<Dense> {
+        let layers = self.layers.iter().map(|layer| Dense {
+            inputs: layer.input,
+            outputs: layer.output,
+            weight: parameters[layer.weight.clone()].to_vec(),
+            bias: parameters[layer.bias.clone()].to_vec(),
+        });
+        layers.collect()
     }
 
     pub fn trace(&self, rows: usize) -> Trace {
@@ -160,8 +183,7 @@ fn times(values: &mut [f32], factors: &[f32]) {
     values.iter_mut().zip(factors).for_each(|(v, f)| *v *= f);
 }
 
-/// Computes in place: a = value + bias, value = a s(a), slope = s (1 + a (1 - s)), with s the logistic
-/// function.
+/// Computes in place: a = value + bias, value = a s(a), slope = s (1 + a (1 - s)), with s the logistic function.
 #[inline(always)]
 fn silu_with_slope(values: &mut [f32], slopes: &mut [f32], bias: &[f32]) {
     let width = bias.len();
@@ -175,9 +197,8 @@ fn silu_with_slope(values: &mut [f32], slopes: &mut [f32], bias: &[f32]) {
     }
 }
 
-/// Returns e^x to 2 ulp, without a branch or a call, so that it vectorises. It uses x = n ln 2 + r, a
-/// polynomial in r (Cephes `expf` coefficients), and 2^n by its bits. The argument is clamped to +-87, where
-/// the range of f32 ends.
+/// Returns e^x to 2 ulp, without a branch or a call, so that it vectorises. It uses x = n ln 2 + r, a polynomial in r
+/// (Cephes `expf` coefficients), and 2^n by its bits. The argument is clamped to +-87, where the range of f32 ends.
 #[inline(always)]
 fn exp(x: f32) -> f32 {
     // 1.5 * 2^23: adding it rounds to an integer in the low bits of the mantissa.

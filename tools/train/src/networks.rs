@@ -3,9 +3,8 @@
 
 use crate::kinematics::{ARM, HumanInput};
 use crate::mlp::{Mlp, Shape};
-use rand::RngExt;
 use rand_pcg::Pcg64;
-use retarget::{Dense, Layers};
+use retarget::Layers;
 
 /// Dimension of the shared latent space (ImitationNet, section IV).
 pub const LATENT: usize = 8;
@@ -77,33 +76,16 @@ impl Networks {
         [("human", &self.human), ("robot", &self.robot), ("decoder", &self.decoder)]
     }
 
-    /// Returns random weights. They are uniform with variance 2/inputs before a SiLU (He et al. 2015), and
-    /// 1/inputs before an output. Biases are zero.
+    /// Returns random weights, and biases of zero.
     pub fn initial(&self, seed: u64) -> Vec<f32> {
         let mut rng = Pcg64::new(u128::from(seed), 0x1417);
         let mut parameters = vec![0.0; self.parameters()];
-        for (_, mlp) in self.named() {
-            for (index, layer) in mlp.layers.iter().enumerate() {
-                let gain = if index == self.size.hidden_layers { 1.0 } else { 2.0 };
-                let bound = (3.0 * gain / layer.input as f32).sqrt();
-                parameters[layer.weight.clone()].fill_with(|| rng.random_range(-bound..bound));
-            }
-        }
+        self.named().iter().for_each(|(_, mlp)| mlp.draw(&mut parameters, &mut rng));
         parameters
     }
 
     pub fn layers(&self, parameters: &[f32]) -> Layers {
-        let [human, robot, decoder] = self.named().map(|(_, mlp)| {
-            mlp.layers
-                .iter()
-                .map(|layer| Dense {
-                    inputs: layer.input,
-                    outputs: layer.output,
-                    weight: parameters[layer.weight.clone()].to_vec(),
-                    bias: parameters[layer.bias.clone()].to_vec(),
-                })
-                .collect()
-        });
+        let [human, robot, decoder] = self.named().map(|(_, mlp)| mlp.dense(parameters));
         Layers { human, robot, decoder }
     }
 }

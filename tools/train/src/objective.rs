@@ -158,8 +158,7 @@ impl Shard {
         networks.robot.forward(parameters, &mut self.cycle);
     }
 
-    /// Returns mean |z - Q_r(D(z))|. Its gradient goes to `grad_human` (through z) and `grad_cycle` (through
-    /// Q_r).
+    /// Returns mean |z - Q_r(D(z))|. Its gradient goes to `grad_human` (through z) and `grad_cycle` (through Q_r).
     fn cycle_term(&mut self, weight: f32) -> f64 {
         let scale = weight / self.grad_cycle.len() as f32;
         let mut sum = 0.0;

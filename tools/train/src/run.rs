@@ -1,9 +1,8 @@
 //! Runs the command: reads, trains with a progress bar, evaluates, writes.
 
-use crate::baseline::{Baseline, BaselineManifest, S3LE_POSTURES, S3LE_SEED};
+use crate::baseline::{Baseline, S3LE_POSTURES, S3LE_SEED};
 use crate::cli::Cli;
 use crate::clips::Clips;
-use crate::error::TrainError;
 use crate::evaluation::evaluate;
 use crate::files::{read_model, write_both};
 use crate::gimbal::Gimbal;
@@ -14,10 +13,11 @@ use crate::pairs::{matched, random_postures};
 use crate::prediction;
 use crate::preset::Preset;
 use crate::sampling::{Pair, Recorded};
-use crate::session::{Data, Options, Session};
+use crate::session::{Data, Options, Session, diverged};
 use crate::start::start;
 use indicatif::{ProgressBar, ProgressStyle};
 use retarget::{ArmIdentity, Manifest, Network};
+use rt::{Exit, Failure};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -31,7 +31,7 @@ const SHOWN_STEPS: u64 = 20;
 /// Frames between two evaluations of the optimum. At 60 frames/s neighbouring frames hardly differ.
 const OPTIMUM_STRIDE: usize = 3;
 
-pub fn run(cli: &Cli) -> Result<(), TrainError> {
+pub fn run(cli: &Cli) -> Result<(), Failure> {
     if let (true, Some(pairs), Some(validation)) = (cli.lifter, &cli.pairs, &cli.validation) {
         let steps = cli.steps.unwrap_or(LIFTER_STEPS);
         return lifting::learn(&cli.out, &cli.human, pairs, validation, steps, cli.seed);
@@ -55,7 +55,7 @@ pub fn run(cli: &Cli) -> Result<(), TrainError> {
     for (run, session) in runs.iter().zip(&sessions) {
         let trained_on = description(&session.options, &clips, &recorded, cli.calibration.name());
         match cli.preset.baseline() {
-            Some(name) => write_baseline(&run.out, name, session, &run.identity, trained_on)?,
+            Some(name) => Baseline::write(&run.out, name, session, &run.identity, trained_on)?,
             None => write_product(&run.out, session, &run.identity, &clips, trained_on, cli.calibration.name())?,
         }
         println!("wrote {}.safetensors and .toml", run.out.display());
@@ -68,7 +68,7 @@ struct Run {
     identity: ArmIdentity,
 }
 
-fn begin(cli: &Cli, robot: &Path, recorded: &Recorded) -> Result<(Run, Session), TrainError> {
+fn begin(cli: &Cli, robot: &Path, recorded: &Recorded) -> Result<(Run, Session), Failure> {
     let identity = ArmIdentity::from_model(&read_model(robot)?);
     let arm = Arm::from(&identity.arm);
     let out = if cli.robot.len() == 1 { cli.out.clone() } else { cli.out.join(&identity.robot) };
@@ -76,7 +76,7 @@ fn begin(cli: &Cli, robot: &Path, recorded: &Recorded) -> Result<(Run, Session),
     Ok((Run { out, identity }, session))
 }
 
-fn options(cli: &Cli, recorded: &Recorded, arm: &Arm) -> Result<Options, TrainError> {
+fn options(cli: &Cli, recorded: &Recorded, arm: &Arm) -> Result<Options, Failure> {
     let mut options = cli.options()?;
     if options.mixture.noisy_copies {
         options.mixture.gimbal = recorded.share_to_turn(&Gimbal::new(arm));
@@ -92,28 +92,6 @@ fn pairs(session: &Session, recorded: &Recorded) -> Vec<Pair> {
     matched(session.arm(), &postures, recorded, &options.mixture, S3LE_POSTURES, options.seed)
 }
 
-fn write_baseline(
-    out: &Path,
-    name: String,
-    session: &Session,
-    identity: &ArmIdentity,
-    trained_on: String,
-) -> Result<(), TrainError> {
-    let manifest = BaselineManifest {
-        format: 0,
-        lookup: name == "s3le",
-        name,
-        sha256: String::new(),
-        robot_hash: format!("{:016x}", identity.robot_hash),
-        size: session.options.size,
-        pose: session.options.pose,
-        seed: session.options.seed,
-        steps: session.step,
-        trained_on,
-    };
-    Baseline::write(out, &manifest, &session.adam.average)
-}
-
 fn write_product(
     out: &Path,
     session: &Session,
@@ -121,7 +99,7 @@ fn write_product(
     clips: &Clips,
     trained_on: String,
     calibration: &str,
-) -> Result<(), TrainError> {
+) -> Result<(), Failure> {
     let networks = session.networks.layers(&session.adam.average);
     let network = Network::new(&networks, &identity.arm);
     let evaluation = evaluate(&identity.arm, &network, &clips.validation, OPTIMUM_STRIDE);
@@ -131,7 +109,7 @@ fn write_product(
     manifest.trained_on = trained_on;
     manifest.validation = evaluation.table();
     manifest.validation.insert("calibration".into(), calibration.into());
-    let (tensors, manifest) = retarget::write_weights(&networks, &manifest)?;
+    let (tensors, manifest) = retarget::write_weights(&networks, &manifest).map_err(Failure::with(Exit::Software))?;
     write_both(out, &tensors, &manifest)?;
     print!("{evaluation}");
     Ok(())
@@ -160,7 +138,7 @@ fn description(options: &Options, clips: &Clips, recorded: &Recorded, calibratio
     )
 }
 
-fn train(runs: &[Run], sessions: &mut [Session], data: &[Data<'_>], clips: &Clips) -> Result<(), TrainError> {
+fn train(runs: &[Run], sessions: &mut [Session], data: &[Data<'_>], clips: &Clips) -> Result<(), Failure> {
     let Some(leader) = sessions.first() else { return Ok(()) };
     let poses = clips.validation_sample(VALIDATION_POSES);
     let steps = leader.options.schedule.steps;
@@ -173,7 +151,7 @@ fn train(runs: &[Run], sessions: &mut [Session], data: &[Data<'_>], clips: &Clip
     for step in 1..=steps {
         let terms = Session::advance_together(sessions, data);
         if terms.iter().zip(&*sessions).any(|(terms, it)| !terms.total(&it.options.weighting).is_finite()) {
-            return Err(TrainError::Diverged { step });
+            return Err(diverged(step));
         }
         for (shown, terms) in shown.iter_mut().zip(&terms) {
             // A single batch is too noisy to read.

@@ -5,6 +5,7 @@ use crate::networks::{LATENT, Networks, Pose, REACH, Size};
 use crate::objective::{Shard, Terms, Weighting};
 use crate::optimiser::{Adam, Schedule};
 use crate::sampling::{Mixture, Pair, Recorded};
+use rt::{Exit, Failure};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
@@ -120,6 +121,11 @@ impl Session {
         let sum: f64 = degrees.map(f64::from).sum();
         sum / (4 * frames.len()).max(1) as f64
     }
+}
+
+pub(crate) fn diverged(step: u64) -> Failure {
+    let text = format!("the loss is not finite at step {step}; a lower learning rate or another seed may help");
+    Failure::new(Exit::Software, text)
 }
 
 // Rows per pass. The number is small enough for the second-level cache.

@@ -17,7 +17,7 @@ fn folder_of(count: usize) -> tempfile::TempDir {
 fn missing_clip_folder_is_refused_by_path() {
     let error = Clips::read(Path::new("/nowhere/at/all"), CalibrationMode::Clip).expect_err("is refused");
     assert!(error.to_string().contains("/nowhere/at/all"), "{error}");
-    assert_eq!(error.exit(), rt::Exit::NoInput);
+    assert_eq!(error.exit, rt::Exit::NoInput);
 }
 
 #[test]

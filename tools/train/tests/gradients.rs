@@ -57,9 +57,8 @@ fn product(a: &Columns, b: &Columns) -> Result<Columns> {
     ])
 }
 
-/// Returns the smoothed angle of S_GR. candle has no inverse trigonometric function. So the value enters as a
-/// constant, and the slope by a term that is zero: (S - S0) da/dS. Finite differences in another test tie the
-/// slope to the value.
+/// Returns the smoothed angle of S_GR. candle has no inverse trigonometric function. So the value enters as a constant,
+/// and the slope by a term that is zero: (S - S0) da/dS. Finite differences in another test tie the slope to the value.
 fn smoothed_angle(s_gr: &Tensor) -> Result<Tensor> {
     let eps = f64::from(ANGLE_SMOOTHING);
     let fixed = s_gr.detach();
@@ -99,8 +98,7 @@ fn metric(arm: &Arm, q: &Tensor, human: &[Limbs]) -> Result<[Tensor; 2]> {
     Ok([total, angle])
 }
 
-/// Returns n inside -1..1, and the bound outside. candle's own rule for the slope at the bounds never matters
-/// here.
+/// Returns n inside -1..1, and the bound outside. candle's own rule for the slope at the bounds never matters here.
 fn clamped(n: &Tensor) -> Result<Tensor> {
     let excess = ((n - 1.0)?.relu()? - (n.neg()? - 1.0)?.relu()?)?;
     n - excess
@@ -182,8 +180,7 @@ fn gradients_agree(pose: Pose) -> Result<()> {
     let networks = Networks::new(Size { hidden_layers: 3, hidden_width: 20 }, pose);
     let arm = arm();
     let mut parameters = networks.initial(11);
-    // A steep last layer of the decoder drives some outputs over the limits. Biases away from zero test their
-    // gradient.
+    // A steep last layer of the decoder drives some outputs over the limits. Biases away from zero test their gradient.
     let last = networks.decoder.layers.last().expect("the decoder has layers");
     parameters[last.weight.clone()].iter_mut().for_each(|w| *w *= 60.0);
     for layer in networks.named().iter().flat_map(|(_, mlp)| &mlp.layers) {

@@ -32,6 +32,7 @@ pub(crate) use judge::mean;
 pub use judge::{Best, ClipFigures, bounds_of, errors_deg, judge, limbs_deg};
 pub use person::{Hands, Person, Place};
 pub use play::{Played, Sample, Stage};
+pub(crate) use plot::{DELAYED, error_over_time};
 pub use report::Report;
 pub use riccati::Joints;
 pub use tracking::{HandPath, Motion, NODE_S};
@@ -55,7 +56,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
     // The daemon does the same, so the commands are equal to the bit.
     let _ = rt::flush_denormals();
     let loaded = load(cli)?;
-    let stage = Stage::new(&loaded)?;
+    let stage = Stage::new(&loaded);
     let (arm, bounds) = (ArmModel::from_model(&loaded.model), bounds_of(&loaded.model));
     let mut delays_ms = DELAYS_MS.to_vec();
     delays_ms.push(cli.delay_ms);

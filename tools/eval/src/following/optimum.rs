@@ -1,6 +1,5 @@
-//! Finds how well any motion of an arm could have followed. The result is the smallest mean limb error that is
-//! found, looking ahead, within given positions, speeds and accelerations. Collisions, torques and jerk are not
-//! considered.
+//! Finds how well any motion of an arm could have followed. The result is the smallest mean limb error that is found,
+//! looking ahead, within given positions, speeds and accelerations. Collisions, torques and jerk are not considered.
 //!
 //! Three searches by least squares go through the path in windows. Each window begins with the remainder of the
 //! previous one, and keeps its first part. The rest of the window serves to look ahead. [`least_squares`] is
@@ -12,8 +11,7 @@ use super::tracking::{HandPath, Loss, Motion, NODE_S, Task, brake};
 use follow::solver::{Bounds, State};
 use retarget::{ArmModel, Limbs, limb_error_deg};
 
-/// Nodes of a window, and the number of nodes that are kept. The times are 2 s and 1 s, 1 s and 0.5 s, 0.5 s
-/// and 0.1 s.
+/// Nodes of a window, and the number of nodes that are kept. The times are 2 s and 1 s, 1 s and 0.5 s, 0.5 s and 0.1 s.
 const WINDOWS: [(usize, usize); 3] = [(100, 50), (50, 25), (25, 5)];
 /// The same of the search by angles and hands: 1.2 s and 0.1 s.
 const TOUCHING_WINDOW: (usize, usize) = (60, 5);

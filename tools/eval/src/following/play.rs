@@ -11,7 +11,7 @@ use config::Loaded;
 use follow::solver::State;
 use messages::{JointCommand, Mode, Stamp, command_flag, deadline};
 use motion::{CalibrationMode, Motion};
-use rt::{Exit, Failure};
+use robot::Model;
 use std::collections::BTreeMap;
 use world::{Links, Moment, Offline, OfflineEnd};
 
@@ -58,14 +58,8 @@ pub struct Stage<'a> {
 }
 
 impl<'a> Stage<'a> {
-    pub fn new(loaded: &'a Loaded) -> Result<Self, Failure> {
-        // Settings, robot file, URDF: `config` reads them in this order.
-        let urdf = loaded.files.iter().find(|file| file.extension().is_some_and(|extension| extension == "urdf"));
-        let path = urdf.cloned().unwrap_or_default();
-        let masses = |reason: String| Failure::new(Exit::Config, format!("{}: {reason}", path.display()));
-        let urdf = urdf_rs::read_file(&path).map_err(|error| masses(error.to_string()))?;
-        let dynamics = Dynamics::new(&loaded.model, &urdf, &[]).map_err(|error| masses(error.to_string()))?;
-        Ok(Self { loaded, dynamics })
+    pub fn new(loaded: &'a Loaded) -> Self {
+        Self { loaded, dynamics: Dynamics::new(&loaded.model, []) }
     }
 
     pub fn play(&self, motion: &Motion, calibration: CalibrationMode) -> Result<Played, String> {
@@ -141,18 +135,21 @@ impl Watch<'_> {
         self.played.ticks += 1;
         self.played.on_plan += u64::from(command.flags & command_flag::ON_PLAN != 0);
         if let (true, Some(span)) = ((moment.k - began).is_multiple_of(SAMPLE_TICKS), self.played.spans.last_mut()) {
-            let arms = |all: &[f64]| {
-                let model = &self.stage.loaded.model;
-                model.arms.each_ref().map(|arm| arm.mirrored(&std::array::from_fn(|i| all[arm.joints[i]])))
-            };
-            span.push(Sample { at: deadline(command.k), q: arms(&command.q), v: arms(&command.v) });
-            let hands = moment.target.as_ref().map(|target| hands::samples(&self.stage.loaded.model, target, command));
+            let model = &self.stage.loaded.model;
+            span.push(Sample::new(model, command));
+            let hands = moment.target.as_ref().map(|target| hands::samples(model, target, command));
             self.hands.extend(hands.into_iter().flatten());
         }
     }
 }
 
 impl Sample {
+    pub(crate) fn new(model: &Model, command: &JointCommand) -> Self {
+        let arms =
+            |all: &[f64]| model.arms.each_ref().map(|arm| arm.mirrored(&std::array::from_fn(|i| all[arm.joints[i]])));
+        Self { at: deadline(command.k), q: arms(&command.q), v: arms(&command.v) }
+    }
+
     pub fn arm(&self, arm: usize) -> State {
         State { q: self.q[arm].into(), v: self.v[arm].into() }
     }

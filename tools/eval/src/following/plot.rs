@@ -13,7 +13,7 @@ use std::path::Path;
 /// Number of instants shown as stick figures.
 const INSTANTS: usize = 6;
 const NOW: RGBColor = RGBColor(210, 120, 40);
-const DELAYED: RGBColor = RGBColor(30, 110, 190);
+pub(crate) const DELAYED: RGBColor = RGBColor(30, 110, 190);
 const BEST: RGBColor = RGBColor(120, 120, 120);
 
 /// Draws `<clip>.svg` into `folder`. Draws nothing if the robot was never Engaged in the clip.
@@ -44,9 +44,9 @@ pub fn draw_clip(
     })
 }
 
-type Line = (String, Vec<Vec<(f64, f64)>>, RGBColor);
+pub(crate) type Line = (String, Vec<Vec<(f64, f64)>>, RGBColor);
 
-fn error_over_time(area: &Area<'_>, name: &str, lines: &[Line]) -> Drawn {
+pub(crate) fn error_over_time(area: &Area<'_>, name: &str, lines: &[Line]) -> Drawn {
     let all = || lines.iter().flat_map(|(_, spans, _)| spans.iter().flatten());
     let (end, highest) = all().fold((0.1_f64, 10.0_f64), |(x, y), point| (x.max(point.0), y.max(point.1)));
     let mut chart = ChartBuilder::on(area)

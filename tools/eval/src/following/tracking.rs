@@ -135,8 +135,7 @@ impl Motion {
     }
 }
 
-/// Returns cost, slope and curvature of a value that must stay between two limits. The cost is infinite
-/// outside.
+/// Returns cost, slope and curvature of a value that must stay between two limits. The cost is infinite outside.
 fn between(low: f64, high: f64, x: f64) -> (f64, f64, f64) {
     let (below, above) = ((x - low) / (high - low), (high - x) / (high - low));
     if !(below > 0.0 && above > 0.0) {
@@ -263,8 +262,7 @@ impl Task<'_> {
         nodes
     }
 
-    /// Returns the largest share of a change after which every position, speed and acceleration is still
-    /// inside.
+    /// Returns the largest share of a change after which every position, speed and acceleration is still inside.
     fn way(&self, motion: &Motion, changes: &[Change]) -> f64 {
         let Bounds { q_min, q_max, v_max, a_max } = self.bounds;
         let mut way: f64 = 1.0;

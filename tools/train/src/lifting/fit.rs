@@ -8,7 +8,6 @@ use crate::optimiser::{Adam, Schedule};
 use layouts::{DIRECTIONS, LIFTER_INPUTS, LIFTER_OUTPUTS, LIFTER_WIDTHS, Lifter};
 use nalgebra::Vector3;
 use perceptron::Dense;
-use rand::RngExt;
 use rand_pcg::Pcg64;
 
 /// Weights of the directions: arms, hands, trunk.
@@ -81,12 +80,7 @@ impl Fit {
         let mlp = Mlp::new(Shape { input, hidden_layers: LIFTER_WIDTHS.len() - 2, hidden_width, output }, 0);
         let mut rng = Pcg64::new(u128::from(seed), 0x11f7);
         let mut parameters = vec![0.0; mlp.end()];
-        for (index, layer) in mlp.layers.iter().enumerate() {
-            // As `Networks::initial`.
-            let gain = if index + 1 == mlp.layers.len() { 1.0 } else { 2.0 };
-            let bound = (3.0 * gain / layer.input as f32).sqrt();
-            parameters[layer.weight.clone()].fill_with(|| rng.random_range(-bound..bound));
-        }
+        mlp.draw(&mut parameters, &mut rng);
         let rows = BATCH / 2;
         let shard =
             Shard { trace: mlp.trace(rows), gradient: vec![0.0; mlp.end()], by_output: vec![0.0; rows * output] };
@@ -126,14 +120,7 @@ impl Fit {
 
     /// The averaged weights so far.
     pub fn layers(&self) -> Vec<Dense> {
-        let average = &self.adam.average;
-        let layers = self.mlp.layers.iter().map(|layer| Dense {
-            inputs: layer.input,
-            outputs: layer.output,
-            weight: average[layer.weight.clone()].to_vec(),
-            bias: average[layer.bias.clone()].to_vec(),
-        });
-        layers.collect()
+        self.mlp.dense(&self.adam.average)
     }
 
     pub fn lifter(&self) -> Lifter {

@@ -1,7 +1,7 @@
 //! Measures how far directions are from the truth on images whose truth is known.
 
 use super::people::{Pair, Pairs};
-use super::view::{directions, found, lengths, turned};
+use super::view::{directions, lengths, turned};
 use layouts::{LENGTHS, Lifter};
 use std::fmt;
 
@@ -36,7 +36,7 @@ pub fn judge(pairs: &Pairs, lifter: Option<&Lifter>) -> Judged {
             let truth = directions(&pair.truth);
             let lifted = lifter.map(|lifter| lifter.lift(&pair.found, Some(known)));
             let (own, expected) = match lifted {
-                None => (found(pair), [0.0; 4]),
+                None => (directions(&pair.world), [0.0; 4]),
                 Some(Some(lifted)) => (lifted.directions, [0, 1, 2, 3].map(|i| lifted.expected_rad(i).to_degrees())),
                 Some(None) => continue,
             };
@@ -93,13 +93,14 @@ impl Judged {
     /// For the manifest.
     pub fn table(&self) -> toml::Table {
         let rounded = |value: f64| toml::Value::Float((value * 100.0).round() / 100.0);
-        let mut table = toml::Table::new();
-        table.insert("mean_deg".into(), rounded(self.mean_deg));
-        table.insert("turned_deg".into(), self.turned_deg.map(rounded).to_vec().into());
-        table.insert("expected_deg".into(), rounded(self.expected_deg));
-        table.insert("rank_correlation".into(), rounded(self.rank));
-        table.insert("surer_and_other_half_deg".into(), self.halves_deg.map(rounded).to_vec().into());
-        table
+        let all = [
+            ("mean_deg", rounded(self.mean_deg)),
+            ("turned_deg", self.turned_deg.map(rounded).to_vec().into()),
+            ("expected_deg", rounded(self.expected_deg)),
+            ("rank_correlation", rounded(self.rank)),
+            ("surer_and_other_half_deg", self.halves_deg.map(rounded).to_vec().into()),
+        ];
+        all.map(|(name, value)| (name.to_owned(), value)).into_iter().collect()
     }
 }
 

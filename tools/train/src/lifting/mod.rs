@@ -12,9 +12,10 @@ pub use judge::{Judged, judge};
 pub use people::{Pair, Pairs, People, Recorded};
 pub use view::{Errors, View, directions, draw};
 
-use crate::error::TrainError;
 use crate::files::write_both;
+use crate::session::diverged;
 use layouts::{Lifter, LifterManifest};
+use rt::{Exit, Failure};
 use std::path::Path;
 
 /// Images of each step.
@@ -25,14 +26,7 @@ const FORMULA_SHARE: f64 = 0.5;
 const REPORT_STEPS: u64 = 2_000;
 
 /// Learns from `people`, with the errors of `pairs`, and judges on `validation`. Writes `<out>.safetensors` and `<out>.toml`.
-pub fn learn(
-    out: &Path,
-    people: &Path,
-    pairs: &Path,
-    validation: &Path,
-    steps: u64,
-    seed: u64,
-) -> Result<(), TrainError> {
+pub fn learn(out: &Path, people: &Path, pairs: &Path, validation: &Path, steps: u64, seed: u64) -> Result<(), Failure> {
     let people = People::read(people)?;
     let (errors, unknown) = (Pairs::read(pairs)?, Pairs::read(validation)?);
     println!("{} frames of people, {} images for errors, {} to judge", people.frames(), errors.len(), unknown.len());
@@ -43,7 +37,7 @@ pub fn learn(
         let real = (step as f64 >= FORMULA_SHARE * steps as f64).then_some(&bank);
         let mean_deg = fit.step(&people, real);
         if !mean_deg.is_finite() {
-            return Err(TrainError::Diverged { step });
+            return Err(diverged(step));
         }
         if (step + 1).is_multiple_of(REPORT_STEPS) || step + 1 == steps {
             println!("step {:>7} training {mean_deg:.2} deg | {}", step + 1, judge(&unknown, Some(&fit.lifter())));
@@ -60,7 +54,7 @@ pub fn learn(
         validation: judge(&unknown, Some(&fit.lifter())).table(),
         ..LifterManifest::default()
     };
-    let (tensors, manifest) = Lifter::write(&fit.layers(), &manifest)?;
+    let (tensors, manifest) = Lifter::write(&fit.layers(), &manifest).map_err(Failure::with(Exit::Software))?;
     write_both(out, &tensors, &manifest)?;
     println!("wrote {}.safetensors and .toml", out.display());
     Ok(())

@@ -1,9 +1,11 @@
 //! Reads what `tools/camera/render` writes: people of motion capture, and images with what a landmarker found in them.
 
-use crate::error::TrainError;
+use crate::files::unreadable;
 use layouts::{ImagePoints, POINTS};
 use motion::npy::{Array, Npz};
 use nalgebra::Vector3;
+use rt::{Exit, Failure};
+use std::fmt::Display;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -33,7 +35,7 @@ pub struct People {
 }
 
 impl People {
-    pub fn read(path: &Path) -> Result<Self, TrainError> {
+    pub fn read(path: &Path) -> Result<Self, Failure> {
         let mut arrays = Arrays::open(path)?;
         let points = arrays.take("points", &[LANDMARKS, 3])?;
         let mut column = |key: &str| arrays.take(key, &[]).map(|array| array.values);
@@ -42,7 +44,7 @@ impl People {
         let takes: Vec<_> = takes.map(|((first, length), weight)| (weight, *first as usize, length as usize)).collect();
         let points: Vec<_> = points.values.chunks_exact(3 * LANDMARKS).map(body).collect();
         if takes.iter().any(|(_, first, length)| *length == 0 || first + length > points.len()) || takes.is_empty() {
-            return Err(arrays.refuse("first and length are no takes of points".into()));
+            return Err(refused(path, "first and length are no takes of points"));
         }
         Ok(Self::new(points, takes))
     }
@@ -103,12 +105,11 @@ pub struct Pairs {
 }
 
 impl Pairs {
-    pub fn read(folder: &Path) -> Result<Self, TrainError> {
+    pub fn read(folder: &Path) -> Result<Self, Failure> {
         let files = Recorded::all(folder)?.into_iter().map(|file| (file.name.clone(), file.pairs()));
         let pairs = Self { clips: files.collect() };
         if pairs.len() == 0 {
-            let reason = "no image of a person in its .npz files".into();
-            return Err(TrainError::Pairs { path: folder.to_path_buf(), reason });
+            return Err(refused(folder, "no image of a person in its .npz files"));
         }
         Ok(pairs)
     }
@@ -136,7 +137,7 @@ pub struct Recorded {
 const RATES_HZ: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
 
 impl Recorded {
-    pub fn read(path: &Path) -> Result<Self, TrainError> {
+    pub fn read(path: &Path) -> Result<Self, Failure> {
         let mut arrays = Arrays::open(path)?;
         let one = |array: Array| array.values.first().copied().unwrap_or_default();
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
@@ -149,23 +150,20 @@ impl Recorded {
             || !(focal > 0.0 && RATES_HZ.contains(&rate_hz))
             || rows < 2
         {
-            return Err(arrays.refuse(
-                "needs arrays of one length, 2 images at least, a positive focal, and rate_hz from 1 to 1000".into(),
-            ));
+            let reason = "needs arrays of one length, 2 images at least, a positive focal, and rate_hz from 1 to 1000";
+            return Err(refused(path, reason));
         }
         Ok(Self { name, rate_hz, focal, truth, world, image, seen })
     }
 
     /// Reads all files of a folder, by name.
-    pub fn all(folder: &Path) -> Result<Vec<Self>, TrainError> {
-        let failed = |source| TrainError::File { path: folder.to_path_buf(), action: "read", source };
-        let entries = std::fs::read_dir(folder).map_err(failed)?.filter_map(Result::ok);
+    pub fn all(folder: &Path) -> Result<Vec<Self>, Failure> {
+        let entries = std::fs::read_dir(folder).map_err(|error| unreadable(folder, &error))?.filter_map(Result::ok);
         let mut files: Vec<_> = entries.map(|entry| entry.path()).collect();
         files.retain(|path| path.extension().is_some_and(|extension| extension == "npz"));
         files.sort();
         if files.is_empty() {
-            let reason = "no .npz file there: `tools/camera/render` writes them".into();
-            return Err(TrainError::Pairs { path: folder.to_path_buf(), reason });
+            return Err(refused(folder, "no .npz file there: `tools/camera/render` writes them"));
         }
         files.iter().map(|path| Self::read(path)).collect()
     }
@@ -221,6 +219,10 @@ fn body(row: &[f64]) -> Body {
     LANDMARK.map(|n| Vector3::new(row[3 * n], row[3 * n + 1], row[3 * n + 2]))
 }
 
+fn refused(path: &Path, reason: impl Display) -> Failure {
+    Failure::new(Exit::DataErr, format!("{}: {reason}", path.display()))
+}
+
 /// The arrays of one file.
 struct Arrays<'a> {
     path: &'a Path,
@@ -228,28 +230,20 @@ struct Arrays<'a> {
 }
 
 impl<'a> Arrays<'a> {
-    fn open(path: &'a Path) -> Result<Self, TrainError> {
-        let failed = |source| TrainError::File { path: path.to_path_buf(), action: "read", source };
-        let file = BufReader::new(File::open(path).map_err(failed)?);
-        let file = Npz::open(file)
-            .map_err(|error| TrainError::Pairs { path: path.to_path_buf(), reason: error.to_string() })?;
-        Ok(Self { path, file })
-    }
-
-    fn refuse(&self, reason: String) -> TrainError {
-        TrainError::Pairs { path: self.path.to_path_buf(), reason }
+    fn open(path: &'a Path) -> Result<Self, Failure> {
+        let file = BufReader::new(File::open(path).map_err(|error| unreadable(path, &error))?);
+        Ok(Self { path, file: Npz::open(file).map_err(|error| refused(path, error))? })
     }
 
     /// Reads an array whose rows have this shape.
-    fn take(&mut self, key: &str, row: &[usize]) -> Result<Array, TrainError> {
-        let read = self.file.read(key).map_err(|error| error.to_string());
-        match read {
-            Ok(Some(array)) if array.shape.get(1..).unwrap_or_default() == row => Ok(array),
-            Ok(Some(array)) => {
-                Err(self.refuse(format!("{key} has shape {:?}, its rows must have {row:?}", array.shape)))
-            }
-            Ok(None) => Err(self.refuse(format!("has no {key}: `tools/camera/render` writes it"))),
-            Err(reason) => Err(self.refuse(reason)),
+    fn take(&mut self, key: &str, row: &[usize]) -> Result<Array, Failure> {
+        let array = self.file.read(key).map_err(|error| refused(self.path, error))?;
+        let lacks = || refused(self.path, format!("has no {key}: `tools/camera/render` writes it"));
+        let array = array.ok_or_else(lacks)?;
+        if array.shape.get(1..).unwrap_or_default() != row {
+            let reason = format!("{key} has shape {:?}, its rows must have {row:?}", array.shape);
+            return Err(refused(self.path, reason));
         }
+        Ok(array)
     }
 }

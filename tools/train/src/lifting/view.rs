@@ -1,11 +1,12 @@
 //! Draws a person before a random camera, with a landmarker's errors, and the directions that the network shall find.
 
-use super::people::{Body, Pair, Pairs, People};
+use super::people::{Body, Pairs, People};
+use crate::sampling::normal;
 use layouts::{DIRECTIONS, ImagePoints, LENGTHS, LIFTER_INPUTS, POINTS, Point};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
 /// Share of the arms that come from another person's frame.
 const GRAFT_SHARE: f64 = 0.35;
@@ -82,12 +83,6 @@ fn size(points: &[[f64; 2]; POINTS]) -> f64 {
     let along = [0, 1].map(|i| (points[5][i] + points[6][i] - points[17][i] - points[18][i]) / 2.0);
     let across = (points[5][0] - points[6][0]).hypot(points[5][1] - points[6][1]);
     along[0].hypot(along[1]).max(1.2 * across).max(0.05)
-}
-
-/// A normally distributed number.
-fn normal(rng: &mut Pcg64) -> f64 {
-    let (size, phase) = (1.0 - rng.random_range(0.0..1.0_f64), rng.random_range(0.0..TAU));
-    (-2.0 * size.ln()).sqrt() * phase.cos()
 }
 
 fn within(rng: &mut Pcg64, [low, high]: [f64; 2]) -> f64 {
@@ -289,9 +284,4 @@ fn formula(body: &Body, projected: &[[f64; 2]; POINTS], share: f64, rng: &mut Pc
         image.seen[point] = seen as f32;
     }
     image
-}
-
-/// Returns the landmarker's own directions, by its points in space.
-pub fn found(pair: &Pair) -> [Vector3<f64>; DIRECTIONS] {
-    directions(&pair.world)
 }

@@ -2,11 +2,11 @@
 
 use crate::clips::Clip;
 use crate::evaluation::{limbs, turned};
+use crate::sampling::normal;
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use retarget::{AGES_S, HORIZONS_S, History, Limbs, PREDICTION_INPUTS, PREDICTION_OUTPUTS, prediction_inputs, turn};
-use std::f64::consts::TAU;
 
 /// Largest factor by which a drawn clip plays faster or slower.
 const SPEED: f64 = 1.3;
@@ -142,14 +142,10 @@ fn seen(rng: &mut Pcg64, at_s: f64) -> Seen {
     Seen { at_s, rate_hz, speed, turn, noise_rad }
 }
 
-/// Returns a small random rotation, normally distributed about each axis (Box and Muller).
+/// Returns a small random rotation, normally distributed about each axis.
 fn noise(rng: &mut Pcg64, sigma_rad: f64) -> UnitQuaternion<f64> {
     if sigma_rad == 0.0 {
         return UnitQuaternion::identity();
     }
-    let mut normal = || {
-        let (size, phase) = (1.0 - rng.random_range(0.0..1.0_f64), rng.random_range(0.0..TAU));
-        (-2.0 * size.ln()).sqrt() * phase.cos()
-    };
-    UnitQuaternion::from_scaled_axis(Vector3::from_fn(|_, _| normal()) * sigma_rad)
+    UnitQuaternion::from_scaled_axis(Vector3::from_fn(|_, _| normal(rng)) * sigma_rad)
 }

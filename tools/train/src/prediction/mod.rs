@@ -11,21 +11,21 @@ pub use fit::fit;
 pub use judge::{CONDITIONS, Condition, JUDGED_S, Means, judge};
 
 use crate::clips::Clips;
-use crate::error::TrainError;
 use crate::files::write_both;
+use crate::session::diverged;
 use retarget::PredictionManifest;
+use rt::{Exit, Failure};
 use std::fmt::Write;
 use std::path::Path;
 
-/// Number of draws, each of both arms (assumption: one and a half times the frames of the clips that it was
-/// made for).
+/// Number of draws, each of both arms (assumption: one and a half times the frames of the clips that it was made for).
 const DRAWS: usize = 30_000;
 
 /// Learns from the training clips, writes `<out>.safetensors` and `<out>.toml`, and prints the validation.
-pub fn learn(out: &Path, clips: &Clips, seed: u64, calibration: &str) -> Result<(), TrainError> {
+pub fn learn(out: &Path, clips: &Clips, seed: u64, calibration: &str) -> Result<(), Failure> {
     let recordings: Vec<Recording> = clips.training.iter().map(Recording::new).collect();
     let unknown: Vec<Recording> = clips.validation.iter().map(Recording::new).collect();
-    let prediction = fit(&draw(&recordings, DRAWS, seed)).ok_or(TrainError::Diverged { step: 0 })?;
+    let prediction = fit(&draw(&recordings, DRAWS, seed)).ok_or_else(|| diverged(0))?;
     let trained_on = description(&recordings, calibration);
     let mut manifest = PredictionManifest { seed, trained_on, ..PredictionManifest::default() };
     let mut text = String::new();
@@ -36,7 +36,7 @@ pub fn learn(out: &Path, clips: &Clips, seed: u64, calibration: &str) -> Result<
         manifest.validation.insert(condition.name.into(), means.table().into());
     }
     manifest.validation.insert("clips".into(), toml::Value::Integer(unknown.len() as i64));
-    let (tensors, manifest) = prediction.write(&manifest)?;
+    let (tensors, manifest) = prediction.write(&manifest).map_err(Failure::with(Exit::Software))?;
     write_both(out, &tensors, &manifest)?;
     print!("{text}");
     println!("wrote {}.safetensors and .toml", out.display());
