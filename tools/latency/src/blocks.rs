@@ -1,17 +1,19 @@
 //! The blocks of a run: the order of the measurements, and the length of each.
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// The processes, each woken by its input.
-    Events,
-    /// The processes, each polling its input once a tick.
-    Polled,
-    /// Like `Events`, with a page and a recorder running at the same time.
-    ObserverCost,
-    /// cyclictest, alone.
-    Cyclictest,
-    /// Our own clock_nanosleep loop, alone.
-    Probe,
+messages::named! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Kind {
+        /// The processes, each woken by its input.
+        Events => "events",
+        /// The processes, each polling its input once a tick.
+        Polled => "polled",
+        /// Like `Events`, with a page and a recorder running at the same time.
+        ObserverCost => "watched",
+        /// cyclictest, alone.
+        Cyclictest => "cyclictest",
+        /// Our own clock_nanosleep loop, alone.
+        Probe => "probe",
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]

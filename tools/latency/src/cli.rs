@@ -42,8 +42,7 @@ pub struct Cli {
     /// Draw distributions and jitter over time to this file, a PNG of 1600 x 1200.
     #[arg(long, value_name = "FILE.png")]
     pub plot: Option<PathBuf>,
-    /// Require this reference (exit code 69 if it is not installed). By default cyclictest is used if it is
-    /// present.
+    /// Require this reference (exit code 69 if it is not installed). By default cyclictest is used if it is present.
     #[arg(long, value_enum)]
     pub compare: Option<Compare>,
     /// Settings file. The blocks use a copy with the changes of the options. A program installed in /usr/bin

@@ -4,7 +4,9 @@ use crate::distribution::Distribution;
 use crate::error::invalid;
 use crate::processes::Outcome;
 use rt::Failure;
+use serde::Deserialize;
 use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
 
 /// Hops in the order of the path, end to end last: the metric, and the process that reports it.
 pub const HOPS: [(&str, &str); 9] = [
@@ -21,17 +23,23 @@ pub const HOPS: [(&str, &str); 9] = [
 /// Loops whose wake-ups are reported, with their process.
 pub const LOOPS: [(&str, &str); 3] = [("retarget", "retarget"), ("control", "control"), ("driver", "driver")];
 
+/// Allocations after READY.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+pub struct Allocations {
+    /// Those of the loop's thread, without those of the transport.
+    pub r#loop: u64,
+    /// Those of the transport in publishing.
+    pub transport: u64,
+}
+
 /// Report of a process about itself, over all blocks.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Deserialize)]
 pub struct Process {
-    /// Allocations of the loop's thread after READY, without those of the transport.
-    pub allocations: u64,
-    /// Allocations of the transport in publishing, after READY.
-    pub transport_allocations: u64,
+    pub allocations: Allocations,
     /// Page faults after READY that waited for a disk.
     pub major_faults: u64,
     /// Page faults of the loop's thread after READY that were served from memory.
-    pub minor_faults: u64,
+    pub loop_minor_faults: u64,
     /// Processor time since READY, s.
     pub cpu_s: f64,
     /// Slowest cold start until READY, ms.
@@ -40,6 +48,21 @@ pub struct Process {
     pub ring_dropped: u64,
     /// Real-time properties that the system granted in the last block.
     pub realtime: Vec<String>,
+}
+
+/// The report that a process writes at its end.
+#[derive(Deserialize)]
+struct Reported {
+    telemetry: Telemetry,
+    /// Skeletons that `ingest` accepted.
+    accepted: Option<u64>,
+}
+
+#[derive(Deserialize)]
+struct Telemetry {
+    metrics: BTreeMap<String, Distribution>,
+    #[serde(flatten)]
+    process: Process,
 }
 
 #[derive(Clone, Debug)]
@@ -81,30 +104,29 @@ impl VariantFigures {
     }
 
     fn add(&mut self, outcome: &Outcome) -> Result<(), String> {
-        let find = |process: &str| {
-            let found = outcome.processes.iter().find(|(name, _)| *name == process);
-            found.map(|(_, value)| value).ok_or(format!("{process} wrote no report"))
-        };
-        for ((hop, process), merged) in HOPS.iter().zip(&mut self.hops) {
-            merged.merge(&distribution(find(process)?, hop).map_err(|cause| format!("{process}: {hop}: {cause}"))?);
-        }
-        for ((_, process), merged) in LOOPS.iter().zip(&mut self.wake_ups) {
-            let one = distribution(find(process)?, "wake_up");
-            merged.merge(&one.map_err(|cause| format!("{process}: wake_up: {cause}"))?);
+        for (name, report) in &outcome.processes {
+            let Reported { telemetry: Telemetry { metrics, process }, accepted } =
+                Reported::deserialize(report).map_err(|error| format!("{name}: {error}"))?;
+            let find = |metric: &str| metrics.get(metric).ok_or(format!("{name}: {metric} is missing"));
+            for ((hop, _), merged) in HOPS.iter().zip(&mut self.hops).filter(|((_, process), _)| process == name) {
+                merged.merge(find(hop)?);
+            }
+            for (_, merged) in LOOPS.iter().zip(&mut self.wake_ups).filter(|((_, process), _)| process == name) {
+                merged.merge(find("wake_up")?);
+            }
+            match self.processes.iter_mut().find(|(known, _)| known == name) {
+                Some((_, before)) => before.add(process),
+                None => self.processes.push((name, process)),
+            }
+            if *name == "ingest" {
+                self.accepted += accepted.ok_or("ingest: accepted is missing")?;
+            }
         }
         for (i, (name, _)) in LOOPS.iter().enumerate() {
             let count = |key: &str| outcome.run[key][*name].as_u64().ok_or(format!("the run has no {key}.{name}"));
             self.missed[i] += count("missed_deadlines")?;
             self.ticks[i] += count("ticks")?;
         }
-        for (name, report) in &outcome.processes {
-            if !self.processes.iter().any(|(known, _)| known == name) {
-                self.processes.push((name, Process::default()));
-            }
-            let (_, process) = self.processes.iter_mut().find(|(known, _)| known == name).expect("just added");
-            process.add(&report["telemetry"]).map_err(|cause| format!("{name}: {cause}"))?;
-        }
-        self.accepted += find("ingest")?["accepted"].as_u64().ok_or("ingest: accepted is not a number")?;
         self.published += outcome.published;
         self.wall_s += outcome.wall_s;
         self.blocks += 1;
@@ -160,35 +182,26 @@ impl VariantFigures {
     }
 }
 
-fn distribution(report: &Value, metric: &str) -> Result<Distribution, String> {
-    Distribution::from_json(&report["telemetry"]["metrics"][metric])
-}
-
 impl Process {
-    fn add(&mut self, telemetry: &Value) -> Result<(), String> {
-        let count = |value: &Value, name: &str| value.as_u64().ok_or(format!("telemetry.{name} is not a number"));
-        let number = |key: &str| telemetry[key].as_f64().ok_or(format!("telemetry.{key} is not a number"));
-        let allocations = &telemetry["allocations"];
-        self.allocations += count(&allocations["loop"], "allocations.loop")?;
-        self.transport_allocations += count(&allocations["transport"], "allocations.transport")?;
-        self.major_faults += count(&telemetry["major_faults"], "major_faults")?;
-        self.minor_faults += count(&telemetry["loop_minor_faults"], "loop_minor_faults")?;
-        self.ring_dropped += count(&telemetry["ring_dropped"], "ring_dropped")?;
-        self.cpu_s += number("cpu_s")?;
-        self.ready_after_ms = self.ready_after_ms.max(number("ready_after_ms")?);
-        let lines = telemetry["realtime"].as_array().ok_or("telemetry.realtime is not a list")?;
-        self.realtime = lines.iter().filter_map(Value::as_str).map(str::to_owned).collect();
-        Ok(())
+    fn add(&mut self, next: Self) {
+        self.allocations.r#loop += next.allocations.r#loop;
+        self.allocations.transport += next.allocations.transport;
+        self.major_faults += next.major_faults;
+        self.loop_minor_faults += next.loop_minor_faults;
+        self.ring_dropped += next.ring_dropped;
+        self.cpu_s += next.cpu_s;
+        self.ready_after_ms = self.ready_after_ms.max(next.ready_after_ms);
+        self.realtime = next.realtime;
     }
 
     fn to_json(&self, wall_s: f64) -> Value {
         json!({
             "cpu": self.cpu_s / wall_s,
             "ready_after_ms": self.ready_after_ms,
-            "allocations_after_ready": self.allocations,
-            "transport_allocations_after_ready": self.transport_allocations,
+            "allocations_after_ready": self.allocations.r#loop,
+            "transport_allocations_after_ready": self.allocations.transport,
             "major_faults_after_ready": self.major_faults,
-            "loop_minor_faults_after_ready": self.minor_faults,
+            "loop_minor_faults_after_ready": self.loop_minor_faults,
             "ring_dropped": self.ring_dropped,
             "realtime": self.realtime,
         })
@@ -231,8 +244,8 @@ mod tests {
         for (name, hop) in all.hops().chain(all.wake_ups()) {
             assert_eq!((hop.count(), hop.max_us(), hop.seconds.len()), (20, 3.0, 2), "{name}");
         }
-        assert_eq!(all.total(|process| process.allocations), 10);
-        assert_eq!(all.total(|process| process.transport_allocations), 300);
+        assert_eq!(all.total(|process| process.allocations.r#loop), 10);
+        assert_eq!(all.total(|process| process.allocations.transport), 300);
         assert_eq!(all.total(|process| process.major_faults), 20);
         let json = all.to_json();
         assert_eq!(json["processes"]["driver"]["cpu"], 0.25);
@@ -241,17 +254,18 @@ mod tests {
     }
 
     #[test]
-    fn incomplete_report_is_refused_by_process_and_field() {
+    fn incomplete_report_is_refused_by_process() {
+        let nothing = Map::new().into();
         for (process, pointer, with, named) in [
-            ("control", "/telemetry/metrics/control_work", Value::Null, "control: control_work: buckets"),
-            ("retarget", "/telemetry/major_faults", Value::Null, "retarget: telemetry.major_faults"),
+            ("control", "/telemetry/metrics", nothing, "control: target_to_control is missing"),
+            ("retarget", "/telemetry/major_faults", Value::Null, "retarget: invalid type: null"),
             (
                 "driver",
                 "/telemetry/metrics/target_to_command/buckets",
                 json!([]),
                 "driver counted no target_to_command",
             ),
-            ("ingest", "/accepted", json!("many"), "ingest: accepted"),
+            ("ingest", "/accepted", json!("many"), "ingest: invalid type: string"),
         ] {
             let mut one = outcome(1_000);
             let (_, report) = one.processes.iter_mut().find(|(name, _)| *name == process).unwrap();

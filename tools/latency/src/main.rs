@@ -1,5 +1,4 @@
-//! The command line program of the library. The same program runs as every process that it measures, and as the
-//! probe.
+//! The command line program of the library. The same program runs as every process that it measures, and as the probe.
 
 use latency::cli::Cli;
 use latency::{plot, reference, report as text, run, watched};

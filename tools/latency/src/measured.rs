@@ -1,10 +1,11 @@
 //! Everything that a run measured, and the figures computed from it.
 
-use crate::blocks::{Block, Kind};
+use crate::blocks::Block;
 use crate::cli::{Cli, Pin, Policy};
 use crate::distribution::Distribution;
 use crate::figures::VariantFigures;
 use crate::host::Host;
+use crate::reference::core_text;
 use messages::Stamp;
 use serde_json::{Value, json};
 
@@ -67,8 +68,8 @@ impl Measured {
             "target_to_command_beyond_work_us": beyond.into_iter().collect::<serde_json::Map<_, _>>(),
             "wake_up_us": wake_ups,
             "missed_deadlines": self.events.missed.iter().sum::<u64>(),
-            "allocations_after_ready": self.events.total(|process| process.allocations),
-            "transport_allocations_after_ready": self.events.total(|process| process.transport_allocations),
+            "allocations_after_ready": self.events.total(|process| process.allocations.r#loop),
+            "transport_allocations_after_ready": self.events.total(|process| process.allocations.transport),
             "major_faults_after_ready": self.events.total(|process| process.major_faults),
             "reference": { "name": name, "probe": self.probe.to_json(), "probe_realtime": self.probe_realtime },
             "events": events,
@@ -79,14 +80,12 @@ impl Measured {
                 "policy": options.policy.map(|policy| if policy == Policy::Fifo { "fifo" } else { "other" }),
                 "pin": options.pin.as_ref().map(pin_text),
             },
-            "blocks": self.blocks.iter().map(|block| json!([kind_text(block.kind), block.seconds])).collect::<Vec<_>>(),
+            "blocks": self.blocks.iter().map(|block| json!([block.kind.name(), block.seconds])).collect::<Vec<_>>(),
         });
+        let absent = "not on the PATH (install rt-tests), or the policy is not fifo";
         match &self.cyclictest {
             Some(cyclictest) => value["reference"]["cyclictest"] = json!(cyclictest.to_json()),
-            None => {
-                value["reference"]["cyclictest_absent"] =
-                    json!("not on the PATH (install rt-tests), or the policy is not fifo")
-            }
+            None => value["reference"]["cyclictest_absent"] = json!(absent),
         }
         value["machine"]["policy"] = json!(self.granted("scheduling"));
         value["machine"]["cores_used"] = json!(self.granted("cores"));
@@ -108,19 +107,9 @@ pub(crate) fn ratio(over: Option<f64>, under: Option<f64>) -> Option<f64> {
     (under > 0.0).then(|| over / under)
 }
 
-fn kind_text(kind: Kind) -> &'static str {
-    match kind {
-        Kind::Events => "events",
-        Kind::ObserverCost => "watched",
-        Kind::Polled => "polled",
-        Kind::Cyclictest => "cyclictest",
-        Kind::Probe => "probe",
-    }
-}
-
 fn pin_text(pin: &Pin) -> String {
     match pin {
         Pin::Free => "free".into(),
-        Pin::Cores(cores) => cores.iter().map(usize::to_string).collect::<Vec<_>>().join(","),
+        Pin::Cores(cores) => core_text(cores),
     }
 }

@@ -60,8 +60,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
     let watched = block.kind == Kind::ObserverCost;
     let onlookers = watched.then(|| Observers::start(&harness.instance, &place)).transpose()?;
     let loaded = place.load()?;
-    // Client and operator represent other programs. They stay on the cores of `ingest`, away from the measured
-    // core.
+    // Client and operator represent other programs. They stay on the cores of `ingest`, away from the measured core.
     let others = teleopd::placement(&loaded.settings.realtime).others;
     let driven = std::thread::scope(|scope| {
         let drive = || {

@@ -1,12 +1,12 @@
-//! The bare timer for comparison with the pipeline's wake-up: cyclictest, and our own loop with the same
-//! method. Both sleep to absolute deadlines of CLOCK_MONOTONIC, alone, each in a process of its own with locked
-//! memory.
+//! The bare timer for comparison with the pipeline's wake-up: cyclictest, and our own loop with the same method. Both
+//! sleep to absolute deadlines of CLOCK_MONOTONIC, alone, each in a process of its own with locked memory.
 
 use crate::distribution::Distribution;
 use crate::error::unmeasured;
 use clap::Parser;
 use messages::{TICK_HZ, deadline, tick_at};
 use rt::{Failure, Policy, Realtime, RealtimeConfig};
+use serde::Deserialize;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -19,10 +19,8 @@ const CUT_OFF_NS: u64 = 500;
 /// First argument that makes this program the probe.
 pub const PROBE: &str = "probe";
 
-/// Returns the cores of a reference, which runs as `retarget` does. `None` leaves the choice to the kernel.
-fn core_list(spec: &RealtimeConfig) -> Option<String> {
-    let cores = spec.cores.as_ref()?;
-    Some(cores.iter().map(usize::to_string).collect::<Vec<_>>().join(","))
+pub(crate) fn core_text(cores: &[usize]) -> String {
+    cores.iter().map(usize::to_string).collect::<Vec<_>>().join(",")
 }
 
 /// Returns the path of cyclictest, if it is on the PATH.
@@ -48,8 +46,8 @@ pub fn run_cyclictest(program: &Path, spec: &RealtimeConfig, seconds: f64) -> Re
         // It keeps cores from sleeping, unless this option leaves the system as it is.
         command.arg("--default-system");
     }
-    if let Some(cores) = core_list(spec) {
-        command.args(["-a", &cores]);
+    if let Some(cores) = &spec.cores {
+        command.args(["-a", &core_text(cores)]);
     }
     let text = output(command, &program.display().to_string())?;
     parse_cyclictest(&text).map_err(|cause| unmeasured(program.display().to_string(), cause))
@@ -64,8 +62,7 @@ fn output(mut command: Command, name: &str) -> Result<String, Failure> {
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-/// Reads cyclictest's histogram. It has lines of `us count`, and comments with the counts beyond the last
-/// bucket.
+/// Reads cyclictest's histogram. It has lines of `us count`, and comments with the counts beyond the last bucket.
 fn parse_cyclictest(text: &str) -> Result<Distribution, String> {
     let mut all = Distribution::default();
     let comment = |name: &str| {
@@ -93,8 +90,8 @@ pub fn run_probe(spec: &RealtimeConfig, seconds: f64) -> Result<(Distribution, V
     if let Policy::Fifo { priority } = spec.policy {
         command.args(["--priority", &priority.to_string()]);
     }
-    if let Some(cores) = core_list(spec) {
-        command.args(["--cores", &cores]);
+    if let Some(cores) = &spec.cores {
+        command.args(["--cores", &core_text(cores)]);
     }
     if spec.lock_memory {
         command.arg("--lock-memory");
@@ -104,9 +101,8 @@ pub fn run_probe(spec: &RealtimeConfig, seconds: f64) -> Result<(Distribution, V
     }
     let text = output(command, PROBE)?;
     let value: Value = serde_json::from_str(&text).map_err(|error| unmeasured(PROBE, error))?;
-    let granted = value["realtime"].as_array().into_iter().flatten().filter_map(Value::as_str);
-    let granted = granted.map(str::to_owned).collect();
-    let all = Distribution::from_json(&value).map_err(|cause| unmeasured(PROBE, cause))?;
+    let all = Distribution::deserialize(&value).map_err(|error| unmeasured(PROBE, error))?;
+    let granted = Vec::deserialize(&value["realtime"]).map_err(|error| unmeasured(PROBE, error))?;
     Ok((all, granted))
 }
 

@@ -119,10 +119,10 @@ fn process_table(out: &mut String, figures: &VariantFigures) -> std::fmt::Result
     let columns = [
         column(["", "CPU, %"], 7, move |process: &Process| format!("{:.1}", 100.0 * process.cpu_s / wall_s)),
         column(["", "ready, ms"], 10, |process: &Process| format!("{:.0}", process.ready_after_ms)),
-        count("allocations", 12, |process| process.allocations),
-        count("(transport)", 12, |process| process.transport_allocations),
+        count("allocations", 12, |process| process.allocations.r#loop),
+        count("(transport)", 12, |process| process.allocations.transport),
         count("major", 7, |process| process.major_faults),
-        count("minor faults", 13, |process| process.minor_faults),
+        count("minor faults", 13, |process| process.loop_minor_faults),
     ];
     let names: Vec<String> = figures.processes.iter().map(|(name, _)| format!("  {name}")).collect();
     let rows = names.iter().map(String::as_str).zip(figures.processes.iter().map(|(_, process)| process));

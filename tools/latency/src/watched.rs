@@ -60,8 +60,7 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<ObserverCost, Failure> 
 }
 
 impl ObserverCost {
-    /// Returns the compared figures: work and wake-ups of control first, then those of the others, and the
-    /// path.
+    /// Returns the compared figures: work and wake-ups of control first, then those of the others, and the path.
     fn rows(&self) -> Vec<Row<'_>> {
         let all = [&self.alone, &self.watched, &self.halves[0], &self.halves[1]];
         let hops = ["control_work", "retarget_work", "target_to_command", "skeleton_to_command"];
