@@ -21,8 +21,7 @@ pub fn check_stages(loaded: &Loaded) -> Result<(), ConfigError> {
     world::robot_config(loaded).map(drop)
 }
 
-/// Loads everything that an instance would load and fails where it would fail. Otherwise prints the effective
-/// values.
+/// Loads everything that an instance would load and fails where it would fail. Otherwise prints the effective values.
 pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
     let loaded = place.load()?;
     check_stages(&loaded).map_err(Failure::with(Exit::Config))?;

@@ -266,8 +266,7 @@ pub struct Tour {
     /// Run all steps without asking.
     #[arg(long)]
     pub yes: bool,
-    /// Keep the files of the steps here: recording, report, logs, virtual environment. Default: a temporary
-    /// folder.
+    /// Keep the files of the steps here: recording, report, logs, virtual environment. Default: a temporary folder.
     #[arg(long, value_name = "DIR")]
     pub dir: Option<PathBuf>,
 }

@@ -248,8 +248,7 @@ impl Run<'_> {
     /// Engages and follows the motion to its end, or for `seconds` of it. Returns an error that says what went
     /// wrong.
     fn engage_and_follow(&mut self, seconds: Option<f64>, show: &mut LiveDisplay) -> Result<(), String> {
-        // Control must see the enable released before it engages. Wait for that, and until every inhibit has
-        // cleared.
+        // Control must see the enable released before it engages. Wait for that, and until every inhibit has cleared.
         let clear =
             self.operator.wait(CLEAR_WITHIN, |status| status.faults == 0 && status.moving == 0 && status.ticks > 600);
         if !clear {

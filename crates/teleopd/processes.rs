@@ -8,8 +8,6 @@ use std::time::Duration;
 pub struct Row {
     /// Subcommand, also the instance name of its unit: `teleop@NAME`.
     pub name: &'static str,
-    /// The process that must be READY before this one starts. This one ends before that one does.
-    pub after: Option<&'static str>,
     /// True if the process asks for SCHED_FIFO and locked memory.
     pub realtime: bool,
     /// True if a service manager may restart the process after a failure. Such a process moves nothing, and its
@@ -17,14 +15,15 @@ pub struct Row {
     pub restarts: bool,
 }
 
-/// The processes in starting order: each finds its peers running. The driver needs a robot, and `control`
-/// needs the driver's state. `retarget` needs no other process. `ingest` starts last and lets clients in.
+/// The processes in starting order: each starts when the one before it is READY, and ends before that one does. The driver
+/// needs a robot, and `control` needs the driver's state. `retarget` needs no other process. `ingest` starts last and lets
+/// clients in.
 pub const TABLE: [Row; 5] = [
-    Row { name: "robot", after: None, realtime: true, restarts: false },
-    Row { name: "driver", after: Some("robot"), realtime: true, restarts: false },
-    Row { name: "control", after: Some("driver"), realtime: true, restarts: false },
-    Row { name: "retarget", after: Some("control"), realtime: true, restarts: true },
-    Row { name: "ingest", after: Some("retarget"), realtime: false, restarts: true },
+    Row { name: "robot", realtime: true, restarts: false },
+    Row { name: "driver", realtime: true, restarts: false },
+    Row { name: "control", realtime: true, restarts: false },
+    Row { name: "retarget", realtime: true, restarts: true },
+    Row { name: "ingest", realtime: false, restarts: true },
 ];
 
 /// Names of the processes in starting order. They stop in reverse order. First input stops, then targets, then
@@ -86,21 +85,15 @@ mod tests {
     }
 
     #[test]
-    fn process_starts_after_its_predecessor_in_table() {
-        for (index, row) in TABLE.iter().enumerate() {
-            assert_eq!(row.after, index.checked_sub(1).map(|before| TABLE[before].name), "{}", row.name);
-        }
-    }
-
-    #[test]
     fn units_name_processes_in_table_order() {
         for manager in MANAGERS {
             let all: BTreeSet<String> = PROCESSES.map(unit).into();
             assert_eq!(split(&values(manager, "teleop.target", "Wants")), all, "{manager}");
             assert_eq!(split(&values(manager, "teleop.target", "After")), all, "{manager}");
-            for row in &TABLE {
-                let waited_for = row.after.map(unit).into_iter().collect();
-                assert_eq!(split(&values(manager, &unit(row.name), "After")), waited_for, "{manager} {}", row.name);
+            let before = std::iter::once(None).chain(PROCESSES.map(Some));
+            for (name, before) in PROCESSES.into_iter().zip(before) {
+                let waited_for = before.map(unit).into_iter().collect();
+                assert_eq!(split(&values(manager, &unit(name), "After")), waited_for, "{manager} {name}");
             }
             let drop_ins = std::fs::read_dir(folder(manager)).unwrap().flatten().map(|entry| entry.file_name());
             for drop_in in drop_ins.filter_map(|name| name.to_str()?.strip_suffix(".d").map(str::to_owned)) {

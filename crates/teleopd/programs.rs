@@ -41,8 +41,7 @@ impl Program {
         self.found().ok_or_else(missing)
     }
 
-    /// Returns the command that a person types: its name if installed, else its path from here, else cargo's
-    /// command.
+    /// Returns the command that a person types: its name if installed, else its path from here, else cargo's command.
     pub fn typed(&self) -> String {
         let Some(path) = self.found() else { return format!("cargo run --release {} --", self.cargo) };
         if instance::is_installed() {

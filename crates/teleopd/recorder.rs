@@ -38,8 +38,7 @@ impl Recorder {
         let mut command = Command::new(RECORD.path()?);
         command.arg(file).arg("--full");
         place.hand_on(&mut command, instance);
-        // If this process is killed, the recorder ends as on a signal. It must not record people without a
-        // request.
+        // If this process is killed, the recorder ends as on a signal. It must not record people without a request.
         command.arg("--child-of").arg(std::process::id().to_string());
         // The recorder gets its own process group, so that Ctrl-C ends the other processes first.
         command.stdin(Stdio::null()).env("NOTIFY_SOCKET", &ready.path).process_group(0);
@@ -102,8 +101,7 @@ fn refuse_unwritable(file: &Path) -> Result<(), Failure> {
     made.and_then(|_| std::fs::remove_file(file)).map_err(|error| Failure::unwritable(file, &error))
 }
 
-/// Starts `command` off the cores of the real-time processes. A child inherits the cores of the thread that
-/// starts it.
+/// Starts `command` off the cores of the real-time processes. A child inherits the cores of the thread that starts it.
 fn spawned_aside(mut command: Command, place: &InstanceArgs) -> std::io::Result<Child> {
     let settings = config::load(&place.config, place.overrides()).ok().map(|loaded| loaded.settings.realtime);
     let spawned = std::thread::scope(|scope| {

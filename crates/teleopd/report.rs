@@ -304,8 +304,7 @@ fn print_followed(followed: &Value) {
     out!("\n{:<34} {:>10.1} % of {meant_s:.1} s ({engaged_s:.1} s){held}", "followed", share * 100.0);
 }
 
-/// Splits the faults into those before the first engagement and those since. All are before if the robot never
-/// engaged.
+/// Splits the faults into those before the first engagement and those since. All are before if the robot never engaged.
 fn faults(all: &Value, before: &Value) -> (Vec<String>, Vec<String>) {
     let (mut early, mut since) = (Vec::new(), Vec::new());
     for (name, count) in all.as_object().into_iter().flatten() {

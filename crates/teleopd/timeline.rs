@@ -1,5 +1,4 @@
-//! Records the ticks that a process ran. "Ticks plus missed deadlines" can then be counted over any common
-//! window.
+//! Records the ticks that a process ran. "Ticks plus missed deadlines" can then be counted over any common window.
 
 use serde::{Deserialize, Serialize};
 

@@ -84,9 +84,8 @@ fn introduce(loaded: &Loaded, place: &cli::InstanceArgs) {
     out!("READY");
 }
 
-/// Releases the enable and waits until the command and the measured robot are at rest. Control does the same
-/// again when it receives its request to end. Returns true if the robot came to rest, or if control no longer
-/// answers.
+/// Releases the enable and waits until the command and the measured robot are at rest. Control does the same again when
+/// it receives its request to end. Returns true if the robot came to rest, or if control no longer answers.
 fn release(instance: &Instance) -> bool {
     let Ok(operator) = OperatorSession::connect(&instance.operator_socket()) else { return true };
     operator.release();

@@ -36,30 +36,10 @@ pub enum Counter {
     Outliers,
 }
 
-impl Counter {
-    /// All counters. The index of each is its number.
-    pub const ALL: [Self; 14] = [
-        Self::Ticks,
-        Self::MissedDeadlines,
-        Self::PublishFailures,
-        Self::Gaps,
-        Self::Allocations,
-        Self::TransportAllocations,
-        Self::RingDropped,
-        Self::Mode,
-        Self::Faults,
-        Self::Latched,
-        Self::WithoutAuthority,
-        Self::OverQuota,
-        Self::Refused,
-        Self::Outliers,
-    ];
-}
-
 /// The counters of one process. Each has one writer, the loop of the process.
 #[derive(Debug, Default)]
 pub struct Counters {
-    values: [AtomicU64; Counter::ALL.len()],
+    values: [AtomicU64; Counter::Outliers as usize + 1],
 }
 
 impl Counters {

@@ -9,8 +9,7 @@ use std::time::{Duration, Instant};
 pub enum Event {
     /// The mode changed.
     Transition(Transition),
-    /// The process was stopped for longer than a command stays valid. The process was suspended, or its machine
-    /// was.
+    /// The process was stopped for longer than a command stays valid. The process was suspended, or its machine was.
     Gap {
         /// Index of the tick that was dropped.
         k: u64,

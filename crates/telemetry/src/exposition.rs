@@ -96,8 +96,7 @@ fn request_head(stream: &mut TcpStream) -> std::io::Result<Vec<u8>> {
     Ok(head)
 }
 
-/// Returns all metrics of the process as text. Writing to a `String` cannot fail, so the result of `write!` is
-/// ignored.
+/// Returns all metrics of the process as text. Writing to a `String` cannot fail, so the result of `write!` is ignored.
 fn text(collector: &Collector) -> String {
     let (mut out, process, counters) = (String::with_capacity(8192), collector.process(), collector.counters());
     for (counter, name, help) in EXPOSED {

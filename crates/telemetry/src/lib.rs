@@ -1,7 +1,6 @@
-//! Metrics and log events of a real-time loop. The loop has a `Probe`. It stores numbers in atomics and puts
-//! small values into a wait-free ring, and does nothing else. A `Collector` on a thread of its own does the slow
-//! work: histograms, text, logs and the network. A full ring loses samples, which are counted. It never delays
-//! the loop.
+//! Metrics and log events of a real-time loop. The loop has a `Probe`. It stores numbers in atomics and puts small
+//! values into a wait-free ring, and does nothing else. A `Collector` on a thread of its own does the slow work:
+//! histograms, text, logs and the network. A full ring loses samples, which are counted. It never delays the loop.
 
 mod collector;
 mod counter;

@@ -42,27 +42,15 @@ pub struct Sample {
     pub driver_fault: bool,
 }
 
-/// A process that step 4 kills.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Victim {
-    Ingest,
-    /// The publisher of joint targets. It stands where `retarget` stands.
-    Targets,
-    Control,
-    Driver,
-}
-
-impl Victim {
-    /// All victims, the driver last.
-    pub const ALL: [Self; 4] = [Self::Ingest, Self::Targets, Self::Control, Self::Driver];
-
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Ingest => "ingest",
-            Self::Targets => "the publisher of targets (in place of retarget)",
-            Self::Control => "control",
-            Self::Driver => "the driver",
-        }
+messages::named! {
+    /// A process that step 4 kills, the driver last.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Victim {
+        Ingest => "ingest",
+        /// It stands where `retarget` stands.
+        Targets => "the publisher of targets (in place of retarget)",
+        Control => "control",
+        Driver => "the driver",
     }
 }
 

@@ -11,35 +11,28 @@ pub use places::holder;
 use crate::cli::Doctor;
 use crate::programs::COLLISION;
 use rt::{Exit, Failure, out};
-use serde_json::{Value, json};
+use serde::Serialize;
+use serde_json::json;
 use std::io::Write;
 use std::path::Path;
 use std::process::Command;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
-    /// All is well.
-    Ok,
-    /// It works, but could work better.
-    Note,
-    /// A simulated robot can do without it. A real robot cannot.
-    Robot,
-    /// The daemon does not run as configured.
-    Problem,
-}
-
-impl Level {
-    const fn name(self) -> &'static str {
-        match self {
-            Self::Ok => "ok",
-            Self::Note => "note",
-            Self::Robot => "robot",
-            Self::Problem => "problem",
-        }
+messages::named! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+    #[serde(rename_all = "lowercase")]
+    pub enum Level {
+        /// All is well.
+        Ok => "ok",
+        /// It works, but could work better.
+        Note => "note",
+        /// A simulated robot can do without it. A real robot cannot.
+        Robot => "robot",
+        /// The daemon does not run as configured.
+        Problem => "problem",
     }
 }
 
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
     pub check: &'static str,
     pub level: Level,
@@ -59,10 +52,6 @@ impl Finding {
 
     fn problem(check: &'static str, found: impl Into<String>, advice: impl Into<String>) -> Self {
         Self { check, level: Level::Problem, found: found.into(), advice: advice.into() }
-    }
-
-    fn to_json(&self) -> Value {
-        json!({ "check": self.check, "level": self.level.name(), "found": self.found, "advice": self.advice })
     }
 }
 
@@ -116,8 +105,7 @@ pub fn run(options: &Doctor) -> Result<Exit, Failure> {
     let findings = judge::judge(&facts::Facts::read(&options.place));
     let verdict = Verdict::from_findings(&findings);
     let text = if options.json {
-        let all: Vec<_> = findings.iter().map(Finding::to_json).collect();
-        format!("{:#}\n", json!({ "simulator": verdict.simulator(), "robot": verdict.robot(), "findings": all }))
+        format!("{:#}\n", json!({ "simulator": verdict.simulator(), "robot": verdict.robot(), "findings": findings }))
     } else {
         findings_text(&findings) + &verdict.text()
     };

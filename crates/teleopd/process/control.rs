@@ -20,8 +20,7 @@ use serde_json::json;
 use std::time::Duration;
 use telemetry::{Counter, Event, Metric};
 
-/// The operator socket is served on every fourth tick, 375 times a second. An emergency stop waits at most 2.7
-/// ms.
+/// The operator socket is served on every fourth tick, 375 times a second. An emergency stop waits at most 2.7 ms.
 const SERVE_EVERY: u64 = 4;
 /// On SIGTERM the process ends at rest, or after this time: twice the longest stop (0.5 s) and the mode change.
 const END_WITHIN_NS: u64 = 2_000_000_000;
@@ -197,8 +196,7 @@ impl Control {
         self.after(k, &out, robot.as_ref());
     }
 
-    /// `waited_for` is the index after the last one. A wake-up that skips indices is as late as the first skipped
-    /// one.
+    /// `waited_for` is the index after the last one. A wake-up that skips indices is as late as the first skipped one.
     fn measure(&mut self, waited_for: u64, woke: Stamp, done: Stamp, target: Option<&JointTarget>) {
         let probe = &mut self.process.probe;
         probe.record(Metric::WakeUp, deadline(waited_for), woke);

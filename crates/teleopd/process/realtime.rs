@@ -20,8 +20,7 @@ pub fn request(settings: &RealtimeSettings, priority: Option<u32>) -> (RealtimeC
     (config, placement.others)
 }
 
-/// Returns where the instance's processes run on this machine, as seen by a process that asks for real-time
-/// rights.
+/// Returns where the instance's processes run on this machine, as seen by a process that asks for real-time rights.
 pub fn placement(settings: &RealtimeSettings) -> Placement {
     placed(settings, Some(settings.priority_driver))
 }

@@ -18,8 +18,7 @@ const PYTHON_CLIENT: &str = "tools/clients/python";
 /// Number of attempts for a run on a machine that is too busy.
 const ATTEMPTS: usize = 3;
 
-/// Time limit of each action. A whole motion takes 25 s, a start 5 s, and engaging 5 s. A busy machine takes
-/// longer.
+/// Time limit of each action. A whole motion takes 25 s, a start 5 s, and engaging 5 s. A busy machine takes longer.
 const RUN_WITHIN: Duration = Duration::from_secs(60);
 const START_WITHIN: Duration = Duration::from_secs(30);
 const ANSWER_WITHIN: Duration = Duration::from_secs(10);
@@ -194,8 +193,7 @@ fn engaged(tour: &Tour, run_dir: &Path) -> Result<String, Stop> {
     }
 }
 
-/// Records a run in virtual time, describes it, and plays it again live. The recording is the same on every
-/// machine.
+/// Records a run in virtual time, describes it, and plays it again live. The recording is the same on every machine.
 pub fn recording(tour: &mut Tour) -> Result<String, Stop> {
     let (commands, file) = (tour.stage.folder.join("tour.csv"), tour.stage.folder.join("tour.mcap"));
     RECORD.path().map_err(|failure| Stop::Skip(failure.text))?;
