@@ -151,8 +151,7 @@ pub struct To {
     /// Folder of the running instance.
     #[arg(long, value_name = "DIR", default_value_os_t = instance::default_run_dir())]
     pub run_dir: PathBuf,
-    /// Publish through this socket of `ingest` instead of shared memory. It works for a user that is not the
-    /// daemon's.
+    /// Publish through this socket of `ingest` instead of shared memory. It works for a user that is not the daemon's.
     #[arg(long, value_name = "PATH")]
     pub socket: Option<PathBuf>,
 }

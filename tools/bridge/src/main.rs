@@ -132,8 +132,7 @@ impl<P: Protocol> Listener<P> {
             return Err(Refused::User);
         }
         if turn == SenderChange::New {
-            // A rejected packet gives no sender the turn. It also does not change the state of the previous
-            // sender.
+            // A rejected packet gives no sender the turn. It also does not change the state of the previous sender.
             if self.protocol.for_new_sender().decode(packet, &mut |_| {})? == Taken::Aside {
                 return Ok(());
             }

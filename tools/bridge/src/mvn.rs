@@ -1,10 +1,9 @@
 //! Xsens MVN's real-time stream, message 02: position and rotation of every segment, global, z up.
 //!
-//! A packet is a header of 24 bytes and items of 32, all big-endian. The header begins with `MXTP02`, u32
-//! sample, u8 number of the packet in its sample (bit 7: the last), u8 items. Then it has u32 time code, u8
-//! character, u8 body segments, u8 props, u8 finger segments, u16 reserved, u16 length of the items. An item is
-//! u32 segment id, 3 f32 position (m), 4 f32 quaternion w x y z. (Xsens, MVN Real-time Network Streaming
-//! Protocol Specification.)
+//! A packet is a header of 24 bytes and items of 32, all big-endian. The header begins with `MXTP02`, u32 sample, u8
+//! number of the packet in its sample (bit 7: the last), u8 items. Then it has u32 time code, u8 character, u8 body
+//! segments, u8 props, u8 finger segments, u16 reserved, u16 length of the items. An item is u32 segment id, 3 f32
+//! position (m), 4 f32 quaternion w x y z. (Xsens, MVN Real-time Network Streaming Protocol Specification.)
 
 use crate::{Protocol, Refused, Taken, empty};
 use messages::{RawSkeleton, SkeletonLayout, raw_flag};

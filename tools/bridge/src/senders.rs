@@ -44,8 +44,7 @@ impl Senders {
     }
 }
 
-/// Returns an IPv4 address in its own form, not in that of IPv6. A socket that listens to both sees the IPv6
-/// form.
+/// Returns an IPv4 address in its own form, not in that of IPv6. A socket that listens to both sees the IPv6 form.
 pub fn canonical(sender: SocketAddr) -> SocketAddr {
     match sender.ip().to_canonical() {
         IpAddr::V4(ip) => SocketAddr::new(ip.into(), sender.port()),

@@ -64,9 +64,8 @@ fn table(path: &str) -> String {
     read.map_or_else(|_| String::new(), |_| text)
 }
 
-/// Returns true if the sender's socket is in a table and every socket of its port belongs to `own` or root. A
-/// socket that is bound to another address of this machine can send as if it were bound to this one
-/// (IP_PKTINFO, ip(7)).
+/// Returns true if the sender's socket is in a table and every socket of its port belongs to `own` or root. A socket
+/// that is bound to another address of this machine can send as if it were bound to this one (IP_PKTINFO, ip(7)).
 fn owned(tables: &[String], sender: SocketAddr, own: u32) -> bool {
     let mut found = false;
     for (ip, port, uid) in tables.iter().flat_map(|table| table.lines()).filter_map(socket) {
@@ -76,8 +75,7 @@ fn owned(tables: &[String], sender: SocketAddr, own: u32) -> bool {
         if uid != own && uid != 0 {
             return false;
         }
-        // A socket that is bound to no address sends from any address. An IPv6 socket also sends from IPv4
-        // addresses.
+        // A socket that is bound to no address sends from any address. An IPv6 socket also sends from IPv4 addresses.
         found |= ip == sender.ip() || ip == IpAddr::V6(Ipv6Addr::UNSPECIFIED) || ip == unspecified(sender.ip());
     }
     found

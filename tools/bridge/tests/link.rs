@@ -111,13 +111,13 @@ impl Drop for Daemon {
 }
 
 /// A process of `teleop-bridge link` and its lines.
-struct End {
+pub(crate) struct End {
     child: Child,
     lines: Arc<Mutex<Vec<String>>>,
 }
 
 impl End {
-    fn start(arguments: &[&str]) -> Self {
+    pub(crate) fn start(arguments: &[&str]) -> Self {
         Self::start_by(Command::new(env!("CARGO_BIN_EXE_teleop-bridge")), arguments)
     }
 
@@ -192,12 +192,12 @@ fn robot_end(keys: &tempfile::TempDir, way: &str, address: &str, daemon: &Daemon
     End::start(&["robot", "--keys", text(keys.path()), way, address, "--run-dir", text(daemon.folder.path())])
 }
 
-fn text(path: &Path) -> &str {
+pub(crate) fn text(path: &Path) -> &str {
     path.to_str().expect("text")
 }
 
 /// Makes a folder with the keys of a robot and the bundles of operators.
-fn keys(robot: &str, operators: &[&str]) -> tempfile::TempDir {
+pub(crate) fn keys(robot: &str, operators: &[&str]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     let made = bridge(&["pair", "robot", "--name", robot, "--keys", text(folder.path())]);
     assert!(made.status.success(), "{made:?}");

@@ -3,6 +3,7 @@
 //!
 //! On a virtual machine, `taskset -c 1` before it leaves out the time in which the host wakes a sleeping core.
 
+use super::link::{End, keys, text};
 use bus::Domain;
 use doors::LeaseState;
 use harness::{Pace, wait_until};
@@ -11,7 +12,7 @@ use messages::{Header, Layout, RawSkeleton, Service, Stamp, raw_flag};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::net::UdpSocket;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
@@ -135,31 +136,11 @@ fn over_python() -> Option<Vec<f64>> {
     (!times.is_empty()).then_some(times)
 }
 
-struct Ends([Child; 2]);
-
-impl Drop for Ends {
-    fn drop(&mut self) {
-        for end in &mut self.0 {
-            let _ = end.kill();
-            let _ = end.wait();
-        }
-    }
-}
-
 #[test]
 #[ignore = "a measurement: it needs an idle machine"]
 fn link_adds_half_a_millisecond_one_way() {
-    let folders = [0; 3].map(|_| tempfile::tempdir().expect("a folder"));
-    let [keys, daemon, local] = folders.each_ref().map(|folder| folder.path().to_str().expect("text"));
-    let bridge = |arguments: &[&str]| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_teleop-bridge"));
-        command.arg("link").args(arguments).stdout(Stdio::null());
-        command
-    };
-    for arguments in [["pair", "robot", "--name", "tiago"], ["pair", "operator", "--name", "anna"]] {
-        assert!(bridge(&[&arguments[..], &["--keys", keys]].concat()).status().expect("it runs").success());
-    }
-    let mut control = operator::Server::bind(folders[1].path().join("operator.sock")).expect("a socket");
+    let (keys, [daemon, local]) = (keys("tiago", &["anna"]), [0; 2].map(|_| tempfile::tempdir().expect("a folder")));
+    let mut control = operator::Server::bind(daemon.path().join("operator.sock")).expect("a socket");
     std::thread::spawn(move || {
         let mut pace = Pace::new(Duration::from_millis(1));
         for k in 0.. {
@@ -168,22 +149,20 @@ fn link_adds_half_a_millisecond_one_way() {
             pace.wait();
         }
     });
-    let mut server = doors::Server::bind(&folders[1].path().join("skeleton.sock"), None).expect("a socket");
-    let direct = print_times("one socket", over_sockets(&folders[1].path().join("skeleton.sock"), &mut server));
+    let mut server = doors::Server::bind(&daemon.path().join("skeleton.sock"), None).expect("a socket");
+    let direct = print_times("one socket", over_sockets(&daemon.path().join("skeleton.sock"), &mut server));
     let port = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("a port").port();
     let address = format!("quic/127.0.0.1:{port}");
-    let bundle = format!("{keys}/anna.bundle");
-    let _ends = Ends([
-        bridge(&["robot", "--keys", keys, "--listen", &address, "--run-dir", daemon]).spawn().expect("it starts"),
-        bridge(&["operator", "--bundle", &bundle, "--connect", &address, "--run-dir", local])
-            .spawn()
-            .expect("it starts"),
-    ]);
-    let socket = folders[2].path().join("operator.sock");
+    let bundle = keys.path().join("anna.bundle");
+    let _ends = [
+        End::start(&["robot", "--keys", text(keys.path()), "--listen", &address, "--run-dir", text(daemon.path())]),
+        End::start(&["operator", "--bundle", text(&bundle), "--connect", &address, "--run-dir", text(local.path())]),
+    ];
+    let socket = local.path().join("operator.sock");
     wait_until("the link is there", || operator::Client::connect(&socket).is_ok());
     let before = stolen();
     let linked =
-        print_times("both sockets and the link", over_sockets(&folders[2].path().join("skeleton.sock"), &mut server));
+        print_times("both sockets and the link", over_sockets(&local.path().join("skeleton.sock"), &mut server));
     let [taken, all] = [0, 1].map(|n| stolen()[n] - before[n]);
     println!("meanwhile the host took {:.1} % of the cores", 100.0 * taken / all);
     print_times("shared memory", over_shared_memory());
