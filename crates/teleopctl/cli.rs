@@ -39,8 +39,7 @@ pub enum Command {
     Release,
     /// Resets a latched stop once its cause is gone and the robot is at rest. Never engages.
     Reset,
-    /// Sets the load in a hand, as a point mass. 0 is an empty hand. Only while the robot is Disengaged and at
-    /// rest.
+    /// Sets the load in a hand, as a point mass. 0 is an empty hand. Only while the robot is Disengaged and at rest.
     Payload(PayloadArgs),
     /// Stops the robot now and latches the stop.
     Estop,

@@ -65,9 +65,8 @@ fn stopped(client: &mut Client) -> Result<bool, OperatorError> {
     until(client, "stopped", |status| mode(status) == Mode::Faulted)
 }
 
-/// Presses the emergency stop until the robot is Faulted. If a crowd of connections displaces this one, it
-/// presses again. An answer means that the press counts, even if no connection is left to observe the robot's
-/// mode.
+/// Presses the emergency stop until the robot is Faulted. If a crowd of connections displaces this one, it presses
+/// again. An answer means that the press counts, even if no connection is left to observe the robot's mode.
 fn estop(socket: &Path) -> Result<bool, OperatorError> {
     let give_up = Instant::now() + EFFECT_WITHIN;
     let (mut heard, mut is_printed) = (false, false);
@@ -302,8 +301,7 @@ fn reset(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     }
 }
 
-/// Returns true if someone pressed the emergency stop after `first`, or if something stopped the robot after a
-/// reset.
+/// Returns true if someone pressed the emergency stop after `first`, or if something stopped the robot after a reset.
 fn stopped_anew(first: &Status, now: &Status) -> bool {
     let pressed = |status: &Status| status.fault_counts[Fault::EmergencyStop.index()];
     let moved_on = now.transition_count != first.transition_count;

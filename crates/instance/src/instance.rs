@@ -17,10 +17,9 @@ pub struct Instance {
 }
 
 impl Instance {
-    /// Opens the instance whose folder is `run_dir`. A missing folder is created with mode 0751: other users may
-    /// reach a socket whose name they know, and see nothing else. The path is made absolute, so processes started
-    /// elsewhere agree on it.
-    /// It is refused if another user could put or replace something in it.
+    /// Opens the instance whose folder is `run_dir`. A missing folder is created with mode 0751: other users may reach
+    /// a socket whose name they know, and see nothing else. The path is made absolute, so processes started elsewhere
+    /// agree on it. It is refused if another user could put or replace something in it.
     pub fn new(run_dir: &Path) -> std::io::Result<Self> {
         if !run_dir.exists() {
             std::fs::create_dir_all(run_dir)?;
@@ -111,8 +110,7 @@ pub fn write_anew(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let beside = path.with_file_name(name);
     // Left behind by a killed process with the same process number.
     let _ = std::fs::remove_file(&beside);
-    // Synchronised before it gets the name: after a power loss the file is the old one or the new one, and never
-    // empty.
+    // Synchronised before it gets the name: after a power loss the file is the old one or the new one, and never empty.
     let written = OpenOptions::new()
         .write(true)
         .create_new(true)

@@ -6,10 +6,9 @@
 //! - theta = ((t1 - t2) + (t4 - t3)) / 2 is our clock minus theirs,
 //! - delta = (t4 - t1) - (t3 - t2) is the time on the way, there and back.
 //!
-//! Whatever the two ways take, theta is wrong by at most delta / 2. The clocks drift apart by at most 1000 ppm. So for an
-//! instant that is at most 100 ms before now, a sample that began at `t1` is wrong by at most
-//! delta / 2 + (now - t1 + 100 ms) * 1000 ppm. Of the samples of the last 10 s the one with the smallest such uncertainty is
-//! used.
+//! Whatever the two ways take, theta is wrong by at most delta / 2. The clocks drift apart by at most 1000 ppm. So for
+//! an instant that is at most 100 ms before now, a sample that began at `t1` is wrong by at most delta / 2 + (now - t1
+//! + 100 ms) * 1000 ppm. Of the samples of the last 10 s the one with the smallest such uncertainty is used.
 
 use messages::Stamp;
 

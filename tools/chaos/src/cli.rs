@@ -6,8 +6,7 @@ use report::{check_bounds, out_of_bounds};
 use rt::Failure;
 use std::path::PathBuf;
 
-/// Upper bound on the trials. More would take a month at some seconds each, so a larger value is a typing
-/// error.
+/// Upper bound on the trials. More would take a month at some seconds each, so a larger value is a typing error.
 const TRIALS_MAX: u64 = 1_000_000;
 
 /// Bounds of a soak: 18 s for a test, and a month.

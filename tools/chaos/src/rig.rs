@@ -1,5 +1,4 @@
-//! The processes of an instance, a client and an operator. Each runs in a process of its own that a fault can
-//! hit.
+//! The processes of an instance, a client and an operator. Each runs in a process of its own that a fault can hit.
 
 use crate::injection::Target;
 use crate::monitor::Monitor;
@@ -51,8 +50,7 @@ impl Rig {
         })
     }
 
-    /// Holds the enable, and waits for `mode`. If the operator is the target, a separate program holds the
-    /// enable.
+    /// Holds the enable, and waits for `mode`. If the operator is the target, a separate program holds the enable.
     pub fn engage(&mut self, target: Target, mode: Mode) -> Result<(), Failure> {
         if target == Target::Operator {
             self.hand = Some(roles::start(roles::OPERATOR, &self.harness.instance)?);

@@ -10,8 +10,7 @@ use std::time::{Duration, Instant};
 
 /// Longest wait for a rest that must come. Only a robot that does not stop takes nearly as long.
 const REST_WITHIN: Duration = Duration::from_secs(5);
-/// Number of attempts to engage. A busy machine starves heartbeats, and then control rightly revokes the
-/// enable.
+/// Number of attempts to engage. A busy machine starves heartbeats, and then control rightly revokes the enable.
 const TRIES_MAX: u32 = 5;
 /// Time between two looks at the monitor.
 const LOOK: Duration = Duration::from_millis(1);
@@ -23,8 +22,7 @@ pub struct Outcome {
     pub fault: Injection,
     /// True if the robot moved in the tick of the fault.
     pub moving: bool,
-    /// Ticks from the fault to rest, by the driver's own count. None if the driver died, or if nothing had to
-    /// stop.
+    /// Ticks from the fault to rest, by the driver's own count. None if the driver died, or if nothing had to stop.
     pub rest_after_ticks: Option<u64>,
     /// True if the robot came to rest, or did not have to.
     pub rested: bool,
@@ -87,8 +85,7 @@ fn suspend(rig: &mut Rig, outcome: &mut Outcome, length: Duration) -> Result<(),
     let id = rig.id(target)?;
     let struck = tick_at(rt::now());
     rt::suspend(id);
-    // A suspended driver executes nothing. For any other target, a long suspension is a silence like that of a
-    // death.
+    // A suspended driver executes nothing. For any other target, a long suspension is a silence like that of a death.
     let must_rest = target != Target::Driver && length.as_secs_f64() * TICK_HZ as f64 > bound_ticks as f64;
     let resume_at = Instant::now() + length;
     if must_rest {
@@ -111,9 +108,8 @@ fn robot_stands(monitor: &Monitor) -> bool {
     false
 }
 
-/// Waits until the driver reports rest at a tick after the fault was detected. Earlier rest does not count. A
-/// person who stands still lets an engaged robot rest, and commands from before the detection are still to be
-/// executed.
+/// Waits until the driver reports rest at a tick after the fault was detected. Earlier rest does not count. A person
+/// who stands still lets an engaged robot rest, and commands from before the detection are still to be executed.
 fn wait_rest(rig: &mut Rig, outcome: &mut Outcome, struck: u64) {
     let give_up = Instant::now() + REST_WITHIN;
     let mut noticed = None;

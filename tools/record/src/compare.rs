@@ -1,6 +1,5 @@
-//! Runs the pure stages again over the inputs of a recording, and compares their outputs with the recorded
-//! ones, bit for bit. `retarget` maps skeletons to targets. `control` maps targets, states and the operator to
-//! commands.
+//! Runs the pure stages again over the inputs of a recording, and compares their outputs with the recorded ones, bit
+//! for bit. `retarget` maps skeletons to targets. `control` maps targets, states and the operator to commands.
 
 use crate::encoder::bytes_of;
 use crate::error::RecordError;

@@ -2,9 +2,8 @@
 //! a running instance as a reader, in a process of its own. So neither its work nor a problem of its disk
 //! affects the daemon.
 //!
-//! A recording holds our own messages bit for bit, under schemas whose names carry the layout's hash. It also
-//! holds joint states, transforms, scenes and log sentences in the schemas of Foxglove, which several viewers
-//! read.
+//! A recording holds our own messages bit for bit, under schemas whose names carry the layout's hash. It also holds
+//! joint states, transforms, scenes and log sentences in the schemas of Foxglove, which several viewers read.
 
 #![allow(missing_docs, reason = "the library of a program: only the program, tests and other tools use it")]
 

@@ -63,8 +63,7 @@ fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
 }
 
 fn summary(cli: &Cli, file: &Path) -> Result<(), Failure> {
-    // The names of the parts, and the limits in the picture, come from --config. Without it, indices replace
-    // the names.
+    // The names of the parts, and the limits in the picture, come from --config. Without it, indices replace the names.
     let loaded = config::load(&cli.config, cli.overrides()).map_err(Failure::with(Exit::Config));
     // The names of another robot would be wrong.
     let loaded = loaded.and_then(|loaded| {

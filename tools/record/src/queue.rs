@@ -98,8 +98,7 @@ impl Queue {
         self.failed.load(Ordering::Relaxed)
     }
 
-    /// Writes the waiting entries, and closes the file with `last` and the number of lost entries. Returns the
-    /// result.
+    /// Writes the waiting entries, and closes the file with `last` and the number of lost entries. Returns the result.
     pub fn finish(mut self, mut last: BTreeMap<String, String>) -> Outcome {
         last.insert("samples_lost".to_owned(), self.lost.to_string());
         self.sender = None;

@@ -3,8 +3,7 @@
 use messages::{JointCommand, JointTarget, Message, RobotState, Skeleton, Status};
 use serde_json::{Map, Value, json};
 
-/// A channel. The first six hold messages bit for bit, and `replay` reads them back. The others are for
-/// viewers.
+/// A channel. The first six hold messages bit for bit, and `replay` reads them back. The others are for viewers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(usize)]
 pub enum Topic {

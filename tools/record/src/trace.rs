@@ -1,5 +1,4 @@
-//! Samples a run at a few hundred instants a minute, in bounded memory. Pictures and summaries are made from
-//! it.
+//! Samples a run at a few hundred instants a minute, in bounded memory. Pictures and summaries are made from it.
 
 use messages::{JOINTS_MAX, JointCommand, JointTarget, RobotState, Status};
 use world::Moment;

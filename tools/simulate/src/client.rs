@@ -240,8 +240,7 @@ impl Client {
                     out.push(old);
                 }
                 Delivery::OldSession if active.age % 10 == 3 => {
-                    // An old frame of another session with its own sequence and stamps, or with a fresh origin
-                    // stamp.
+                    // An old frame of another session with its own sequence and stamps, or with a fresh origin stamp.
                     let mut old = past[active.rng.random_range(0..past.len())];
                     old.session_nonce = session.wrapping_sub(1);
                     if active.rng.random() {

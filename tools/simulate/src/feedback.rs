@@ -1,5 +1,4 @@
-//! Judges feedback: if the robot does not follow its setpoints, or its measurements are wrong, it must be
-//! stopped.
+//! Judges feedback: if the robot does not follow its setpoints, or its measurements are wrong, it must be stopped.
 
 use crate::modes::{Broken, moves};
 use crate::oracle::Seen;

@@ -74,8 +74,7 @@ pub struct Inputs {
     shown: [[f32; 3]; SMPL_JOINTS],
     /// Ticks in which control ran. A suspended control follows nobody.
     awake: u64,
-    /// The awake tick since which the payload repeats, and the one since which the robot has followed without a
-    /// break.
+    /// The awake tick since which the payload repeats, and the one since which the robot has followed without a break.
     same_since: u64,
     following_since: Option<u64>,
 }

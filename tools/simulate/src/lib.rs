@@ -1,9 +1,8 @@
 //! Deterministic simulation: all stages run their real ticks in virtual time, under faults that a seed decides.
 //! The oracle that judges them knows nothing of their arithmetic.
 //!
-//! A run is a function of its seed, its schedule and its length. A schedule is a list of episodes, each a
-//! function of its own parameter. So an episode can be left out without changing the others, and a failing
-//! schedule can be shrunk.
+//! A run is a function of its seed, its schedule and its length. A schedule is a list of episodes, each a function of
+//! its own parameter. So an episode can be left out without changing the others, and a failing schedule can be shrunk.
 
 #![allow(missing_docs, reason = "only the program and its tests use the library")]
 

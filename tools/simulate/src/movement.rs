@@ -18,9 +18,8 @@ const MEAN_TICKS: usize = 3 * TICK_HZ as usize / 10;
 const SPEED_SHARE: f64 = 0.5;
 /// Ticks that a sample, and the decision about it, may take to arrive.
 const LATE: u64 = 15;
-/// A joint that moves this far from its place, rad, must have been noticed. The promise is 20 mrad from where
-/// it came to rest. The judge takes a later place as reference, and the joint came to rest no farther than
-/// that.
+/// A joint that moves this far from its place, rad, must have been noticed. The promise is 20 mrad from where it came
+/// to rest. The judge takes a later place as reference, and the joint came to rest no farther than that.
 const FAR_RAD: f64 = 0.045;
 /// Consecutive ticks for which it must be far: 10 ms.
 const FAR_TICKS: u64 = TICK_HZ / 100 + LATE;
@@ -55,8 +54,7 @@ pub struct Movement {
     restless: u64,
     far: u64,
     place: Option<[f64; JOINTS_MAX]>,
-    /// Ticks since an encoder was wrong, since a process restarted, and since the loss of standstill was
-    /// reported.
+    /// Ticks since an encoder was wrong, since a process restarted, and since the loss of standstill was reported.
     honest: u64,
     known: u64,
     lost: Option<u64>,

@@ -85,8 +85,7 @@ pub struct Seen<'a> {
     pub report: &'a Report,
     /// The judge of the joints' true motion.
     pub judged: &'a plant::Report,
-    /// True if a fault of the robot is in force, or was a moment ago. Its joints then move as the fault
-    /// dictates.
+    /// True if a fault of the robot is in force, or was a moment ago. Its joints then move as the fault dictates.
     pub robot_faulty: bool,
     pub refused: [u64; driver::Refusal::COUNT],
     pub truth: [f64; JOINTS_MAX],

@@ -33,8 +33,7 @@ pub struct Rules {
     /// The tick at which a restarted `ingest` passed a frame on, if the operator has not enabled since.
     strange_k: Option<u64>,
     restarted: bool,
-    /// Ticks in which the driver ran without a new command. `executed` also holds the reset count that it had
-    /// seen.
+    /// Ticks in which the driver ran without a new command. `executed` also holds the reset count that it had seen.
     silent: u64,
     /// True if the driver has taken a command since it last reported a latched fault.
     hears: bool,

@@ -28,8 +28,7 @@ const ELSEWHERE_RAD: f64 = 0.2;
 
 /// Ticks for which the measured posture may still be held after the drives follow again.
 const UNDRIVEN: u64 = 3 + driver::SETTLE_TICKS;
-/// Ticks for which a joint may still move because of a fault that has ended: 2 s, twice the longest stop and
-/// settling.
+/// Ticks for which a joint may still move because of a fault that has ended: 2 s, twice the longest stop and settling.
 const FAULTY: u64 = 3000;
 
 /// Lowest and highest frequency of a joint that oscillates, Hz, and its range of speeds as a share of the
@@ -427,9 +426,8 @@ fn inject(simulated: &mut world::simulated::State, limits: &[JointLimits], activ
     });
 }
 
-/// Creates an oscillation of any frequency that a drive may have. Its speed ranges from a tolerated one to
-/// twice the limit of the joint. Slow oscillations are drawn more often, because only the tracking error
-/// detects them.
+/// Creates an oscillation of any frequency that a drive may have. Its speed ranges from a tolerated one to twice the
+/// limit of the joint. Slow oscillations are drawn more often, because only the tracking error detects them.
 fn swing(joint: usize, v_max: f64, strength: f64, rng: &mut Pcg64Mcg) -> Injection {
     let frequency = SWING_HZ[0] * (SWING_HZ[1] / SWING_HZ[0]).powf(rng.random());
     let speed = SWING_SPEED[0] * (SWING_SPEED[1] / SWING_SPEED[0]).powf(strength * strength) * v_max;

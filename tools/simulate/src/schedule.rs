@@ -60,8 +60,7 @@ pub struct Episode {
     pub start: u64,
     /// Length, ticks.
     pub ticks: u64,
-    /// Parameter that decides everything else about the episode, so that an episode does not depend on the
-    /// others.
+    /// Parameter that decides everything else about the episode, so that an episode does not depend on the others.
     pub param: u64,
 }
 
@@ -72,8 +71,7 @@ pub fn draw(seed: u64, ticks: u64, kinds: &[usize], deal: &[usize]) -> Vec<Episo
     let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x5eed);
     let end = ticks.saturating_sub(QUIET_TICKS);
     let between = (end / 5).clamp(400, BETWEEN_STORMS);
-    // Two of three seeds draw few kinds, and draw those often. Among many kinds, one can hide the effect of
-    // another.
+    // Two of three seeds draw few kinds, and draw those often. Among many kinds, one can hide the effect of another.
     let drawn = match rng.random_range(0..3) {
         0 if !deal.is_empty() => std::slice::from_ref(&deal[rng.random_range(0..deal.len())]),
         1 if !deal.is_empty() => deal,

@@ -1,5 +1,4 @@
-//! One part of an attack: runs the stages, the driver's follower and the simulated robot's checker for some
-//! ticks.
+//! One part of an attack: runs the stages, the driver's follower and the simulated robot's checker for some ticks.
 
 use crate::figures::{Least, Merge, Most, RunFigures};
 use crate::stages::{Stages, Subject, permit, target};
@@ -196,8 +195,7 @@ impl<'a> Part<'a> {
         }
     }
 
-    /// A robot that stopped by itself, on an unproved path, may rest too close to start. Recovery moves it
-    /// apart.
+    /// A robot that stopped by itself, on an unproved path, may rest too close to start. Recovery moves it apart.
     fn watch_start(&mut self) {
         let model = &self.subject.model;
         if self.recovers {
@@ -316,8 +314,7 @@ impl<'a> Part<'a> {
             let took_s = (k - watched.began_k) as f64 * TICK_S;
             self.figures.stops += 1;
             self.figures.worst_watched_stop_s.merge(Most(took_s));
-            // If the motors have little reserve, a stop is gentler. It may then take as long as the robot file
-            // says.
+            // If the motors have little reserve, a stop is gentler. It may then take as long as the robot file says.
             let latest_s = stop_times::reaction_s() + self.subject.model.stop_time_max_s;
             self.figures.late_stops += u64::from(took_s > watched.bound_s.max(latest_s));
             self.figures.gentle_stops += u64::from(took_s > watched.bound_s);

@@ -31,8 +31,7 @@ pub enum Command {
     /// Compare the longest stop of random and corner states with its closed-form bound. Exits with 1 if it
     /// exceeds the bound.
     StopTimes(StopTimesArgs),
-    /// Play every motion file of a folder through all stages, offline. Exits with 1 on a violation or a failed
-    /// run.
+    /// Play every motion file of a folder through all stages, offline. Exits with 1 on a violation or a failed run.
     Motions(MotionsArgs),
     /// Measure the duration of the control tick: smooth motion far from collisions, and jumping targets.
     Bench(BenchArgs),
@@ -41,8 +40,7 @@ pub enum Command {
 /// Options of the attack.
 #[derive(Clone, Debug, Args)]
 pub struct AttackArgs {
-    /// Ticks of control under attack, all parts together. 1500 are one second of the robot. The goals are
-    /// additional.
+    /// Ticks of control under attack, all parts together. 1500 are one second of the robot. The goals are additional.
     #[arg(long, default_value_t = 1_000_000)]
     pub ticks: u64,
     /// Seed of every choice of the attackers. The same seed gives the same figures on any number of threads,
@@ -71,8 +69,7 @@ pub struct Changes {
     /// Leave certificate and gate out. The same attacks must then find collisions. Finding none is the failure.
     #[arg(long)]
     pub no_certificate: bool,
-    /// Leave the proof of torques out. The same attacks must then overload motors. Finding no overload is the
-    /// failure.
+    /// Leave the proof of torques out. The same attacks must then overload motors. Finding no overload is the failure.
     #[arg(long, conflicts_with = "no_certificate")]
     pub no_torque: bool,
     /// Payload in each of both hands, kg.
@@ -134,8 +131,7 @@ pub struct BenchArgs {
     pub seed: u64,
     #[command(flatten)]
     pub common: Common,
-    /// Also write the figures to this file as JSON. `-` is standard output, and the text then goes to standard
-    /// error.
+    /// Also write the figures to this file as JSON. `-` is standard output, and the text then goes to standard error.
     #[arg(long)]
     pub json: Option<PathBuf>,
 }

@@ -44,8 +44,7 @@ fn hostile_ticks_cause_no_violation() {
     );
     assert_eq!(figures.ticks, TICKS);
     assert!(figures.kept(), "{:?}, {} refused, {} stops late", figures.first, figures.refusals, figures.late_stops);
-    // The attack was effective: every kind occurred, the boundary was reached, and everything that can fail
-    // did.
+    // The attack was effective: every kind occurred, the boundary was reached, and everything that can fail did.
     assert!(
         figures.attacks.iter().all(|of| of.ticks > TICKS / 100),
         "{:?}",
@@ -107,8 +106,7 @@ fn most_goals_are_reached() {
     let subject = subject(Changes::default());
     let all = merged(in_parallel(cores(), 4, |part| goals::run(&subject, 1, part as u64, 6)));
     println!("{} of {} goals, {} times back home", all.reached, all.goals, all.returned);
-    // The bound is far below the measurement over 168 goals. The test only checks that goals are reached at
-    // all.
+    // The bound is far below the measurement over 168 goals. The test only checks that goals are reached at all.
     assert!(all.goals == 24 && all.share(all.reached) > 0.7, "{all:?}");
 }
 
