@@ -1,54 +1,112 @@
-//! Clearance of the checked pairs, with the distance formulas of `plant`.
+//! Clearance of the checked pairs, with distance formulas of its own.
 
-use messages::JOINTS_MAX;
-use nalgebra::Vector3;
-use plant::{segment_box, segment_plane, segment_segment};
 use robot::{Frames, Model, Solid};
 
-/// The axis of a capsule in the base frame, and half its length, m.
-type Axis = ([Vector3<f64>; 2], f64);
+type Point = [f64; 3];
 
-/// Buffers for the axes of all capsules, so that a tick allocates nothing.
+/// The collision model as this crate keeps it.
+#[derive(Clone, Debug)]
+pub(crate) struct Body {
+    capsules: Vec<Capsule>,
+    pairs: Vec<Pair>,
+    obstacles: Vec<Obstacle>,
+    /// Clearance that every pair must keep, m.
+    pub(crate) d_min_m: f64,
+}
+
+#[derive(Clone, Debug)]
+struct Capsule {
+    body: usize,
+    ends: [Point; 2],
+    half_length_m: f64,
+    radius_m: f64,
+}
+
+/// An obstacle around the robot, in the base frame.
+#[derive(Clone, Debug)]
+enum Obstacle {
+    /// Solid where normal . x <= offset.
+    Plane { normal: Point, offset_m: f64 },
+    /// Solid within half a length of the centre along each of its axes.
+    Box { center: Point, axes: [Point; 3], half_m: Point },
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Pair {
+    a: usize,
+    b: usize,
+    radii_m: f64,
+}
+
+/// Buffers for the capsules' axes in the base frame, so that a tick allocates nothing.
 #[derive(Clone, Debug)]
 pub(crate) struct Workspace {
     frames: Frames,
-    axes: Vec<Axis>,
+    axes: Vec<[Point; 2]>,
 }
 
-impl Workspace {
+impl Body {
     pub(crate) fn new(model: &Model) -> Self {
-        Self { frames: Frames::default(), axes: Vec::with_capacity(model.capsules.len()) }
+        let capsules = model.capsules.iter().map(|capsule| {
+            let ends = [&capsule.a, &capsule.b].map(|p| [p[0], p[1], p[2]]);
+            Capsule {
+                body: capsule.body,
+                ends,
+                half_length_m: length(minus(ends[1], ends[0])) / 2.0,
+                radius_m: capsule.radius_m,
+            }
+        });
+        let radii = |a: usize, b: usize| model.capsules[a].radius_m + model.capsules[b].radius_m;
+        let pairs = model.pairs.iter().map(|pair| Pair { a: pair.a, b: pair.b, radii_m: radii(pair.a, pair.b) });
+        let obstacles = model.obstacles.iter().map(|obstacle| Obstacle::new(&obstacle.solid)).collect();
+        Self { capsules: capsules.collect(), pairs: pairs.collect(), obstacles, d_min_m: model.d_min_m }
+    }
+
+    pub(crate) fn workspace(&self) -> Workspace {
+        Workspace { frames: Frames::default(), axes: vec![[[0.0; 3]; 2]; self.capsules.len()] }
     }
 
     /// Returns the least clearance at posture `q`, m, and the index of its pair. It is infinite without pairs. It
     /// covers the checked pairs, and the pairs of each moving capsule with each obstacle. The latter have the
     /// indices after the pairs of capsules.
-    pub(crate) fn clearance(&mut self, model: &Model, q: &[f64; JOINTS_MAX]) -> (f64, usize) {
-        let Self { frames, axes } = self;
-        model.forward(q, frames);
-        axes.clear();
-        axes.extend(model.capsules.iter().map(|capsule| (capsule.ends(frames), (capsule.b - capsule.a).norm() / 2.0)));
+    pub(crate) fn clearance(
+        &self,
+        model: &Model,
+        q: &[f64; messages::JOINTS_MAX],
+        workspace: &mut Workspace,
+    ) -> (f64, usize) {
+        model.forward(q, &mut workspace.frames);
+        for (axis, capsule) in workspace.axes.iter_mut().zip(&self.capsules) {
+            let pose = &workspace.frames.base_from_body[capsule.body];
+            for (out, p) in axis.iter_mut().zip(&capsule.ends) {
+                *out = std::array::from_fn(|row| {
+                    pose.r[(row, 0)] * p[0] + pose.r[(row, 1)] * p[1] + pose.r[(row, 2)] * p[2] + pose.t[row]
+                });
+            }
+        }
         let mut least = (f64::INFINITY, 0);
-        for (index, pair) in model.pairs.iter().enumerate() {
-            let radii_m = model.capsules[pair.a].radius_m + model.capsules[pair.b].radius_m;
-            let ((a, half_a), (b, half_b)) = (&axes[pair.a], &axes[pair.b]);
-            // Balls around the capsules: a pair whose balls are farther apart than the least so far cannot be nearer.
-            let beyond = least.0 + half_a + half_b + radii_m;
-            let between = (a[0] + a[1] - b[0] - b[1]).norm_squared() / 4.0;
+        for (index, pair) in self.pairs.iter().enumerate() {
+            let (a, b) = (&workspace.axes[pair.a], &workspace.axes[pair.b]);
+            // Balls around the capsules: a pair whose balls are farther apart than the least so far cannot be
+            // nearer.
+            let reach = self.capsules[pair.a].half_length_m + self.capsules[pair.b].half_length_m + pair.radii_m;
+            let beyond = least.0 + reach;
+            let between = squared(minus(middle(a), middle(b)));
             if beyond > 0.0 && between > beyond * beyond {
                 continue;
             }
-            let clearance = segment_segment(a, b) - radii_m;
+            let clearance = distance(a, b) - pair.radii_m;
             if clearance < least.0 {
                 least = (clearance, index);
             }
         }
-        for (i, ((axis, _), capsule)) in axes.iter().zip(&model.capsules).enumerate().filter(|(_, (_, c))| c.body != 0)
+        for (i, (axis, capsule)) in
+            workspace.axes.iter().zip(&self.capsules).enumerate().filter(|(_, (_, c))| c.body != 0)
         {
-            for (k, obstacle) in model.obstacles.iter().enumerate() {
-                let clearance = from_solid(axis, &obstacle.solid) - capsule.radius_m;
+            for (k, obstacle) in self.obstacles.iter().enumerate() {
+                let clearance = obstacle.distance(axis) - capsule.radius_m;
                 if clearance < least.0 {
-                    least = (clearance, model.pairs.len() + i * model.obstacles.len() + k);
+                    least = (clearance, self.pairs.len() + i * self.obstacles.len() + k);
                 }
             }
         }
@@ -56,10 +114,159 @@ impl Workspace {
     }
 }
 
-/// Returns the distance of a segment: 0 where it touches a box, negative below a plane.
-fn from_solid(segment: &[Vector3<f64>; 2], solid: &Solid) -> f64 {
-    match solid {
-        Solid::HalfSpace { normal, offset_m } => segment_plane(segment, normal, *offset_m),
-        Solid::Box { center, r, half_m } => segment_box(&segment.map(|p| r.transpose() * (p - center)), half_m),
+impl Obstacle {
+    fn new(solid: &Solid) -> Self {
+        match solid {
+            Solid::HalfSpace { normal, offset_m } => {
+                Self::Plane { normal: [normal[0], normal[1], normal[2]], offset_m: *offset_m }
+            }
+            Solid::Box { center, r, half_m } => Self::Box {
+                center: [center[0], center[1], center[2]],
+                axes: std::array::from_fn(|i| [r[(0, i)], r[(1, i)], r[(2, i)]]),
+                half_m: [half_m[0], half_m[1], half_m[2]],
+            },
+        }
+    }
+
+    /// Returns the distance of a segment: 0 where it touches a box, negative below a plane.
+    fn distance(&self, segment: &[Point; 2]) -> f64 {
+        match self {
+            Self::Plane { normal, offset_m } => dot(*normal, segment[0]).min(dot(*normal, segment[1])) - offset_m,
+            Self::Box { center, axes, half_m } => {
+                let local = segment.map(|p| axes.map(|axis| dot(axis, minus(p, *center))));
+                from_box(&local, half_m)
+            }
+        }
+    }
+}
+
+/// Returns the distance of a segment from the box |x_i| <= half_i.
+///
+/// A coordinate is below, within or above its range, so there are 26 ways of being outside. For each of them the
+/// squared distance is a quadratic in the place s on the segment: the sum of (x_i -+ half_i)^2 over the
+/// coordinates outside. Its minimum is known. The true minimum is at one of these minima, at an end, or at a
+/// place where a coordinate enters or leaves its range. The function takes the distance at all of these places
+/// and returns the least.
+fn from_box(segment: &[Point; 2], half: &Point) -> f64 {
+    let (a, d) = (segment[0], minus(segment[1], segment[0]));
+    let squared_at = |s: f64| {
+        let s = if s > 0.0 { s.min(1.0) } else { 0.0 };
+        squared(std::array::from_fn(|i| ((a[i] + s * d[i]).abs() - half[i]).max(0.0)))
+    };
+    let mut least = squared_at(0.0).min(squared_at(1.0));
+    for way in 1..27 {
+        let sides: Point = std::array::from_fn(|i| [0.0, -1.0, 1.0][way / [1, 3, 9][i] % 3]);
+        let (mut falls, mut curves) = (0.0, 0.0);
+        for i in (0..3).filter(|&i| sides[i] != 0.0) {
+            falls += d[i] * (sides[i] * half[i] - a[i]);
+            curves += d[i] * d[i];
+        }
+        // With one coordinate outside, this is the place where it enters its range.
+        if curves > 0.0 {
+            least = least.min(squared_at(falls / curves));
+        }
+    }
+    least.sqrt()
+}
+
+/// Returns the distance of two segments. Either an end of one is nearest, or both nearest points lie inside, and
+/// then the vector between them is perpendicular to both. The least of the five candidates is the distance,
+/// parallel segments included.
+fn distance(a: &[Point; 2], b: &[Point; 2]) -> f64 {
+    let mut least = from_point(a[0], b).min(from_point(a[1], b)).min(from_point(b[0], a)).min(from_point(b[1], a));
+    let (u, w, r) = (minus(a[1], a[0]), minus(b[1], b[0]), minus(a[0], b[0]));
+    let (uu, uw, ww, ur, wr) = (dot(u, u), dot(u, w), dot(w, w), dot(u, r), dot(w, r));
+    let denominator = uu * ww - uw * uw;
+    if denominator > 0.0 {
+        let s = (uw * wr - ww * ur) / denominator;
+        let t = (uu * wr - uw * ur) / denominator;
+        if (0.0..=1.0).contains(&s) && (0.0..=1.0).contains(&t) {
+            let between: Point = std::array::from_fn(|i| r[i] + s * u[i] - t * w[i]);
+            least = least.min(squared(between));
+        }
+    }
+    least.sqrt()
+}
+
+/// Returns the squared distance of a point from a segment.
+fn from_point(p: Point, segment: &[Point; 2]) -> f64 {
+    let (d, r) = (minus(segment[1], segment[0]), minus(p, segment[0]));
+    let dd = squared(d);
+    let t = if dd > 0.0 { (dot(d, r) / dd).clamp(0.0, 1.0) } else { 0.0 };
+    squared(std::array::from_fn(|i| r[i] - t * d[i]))
+}
+
+fn minus(a: Point, b: Point) -> Point {
+    std::array::from_fn(|i| a[i] - b[i])
+}
+
+fn middle(axis: &[Point; 2]) -> Point {
+    std::array::from_fn(|i| (axis[0][i] + axis[1][i]) / 2.0)
+}
+
+fn dot(a: Point, b: Point) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn squared(a: Point) -> f64 {
+    dot(a, a)
+}
+
+fn length(a: Point) -> f64 {
+    squared(a).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+
+    #[test]
+    fn distances_from_solids_match_robot_model() {
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(6);
+        let mut point = |size: f64| -> Point { std::array::from_fn(|_| rng.random_range(-size..=size)) };
+        let mut touching = 0;
+        for n in 0..100_000 {
+            let half_m = point(0.5).map(|x| x.abs() + 1e-3);
+            let mut a = point(1.0);
+            // Some segments begin in the plane of a face, some are points, some are almost parallel to an edge.
+            if n % 5 == 0 {
+                a[n % 3] = half_m[n % 3];
+            }
+            let mut d = point(if n % 4 == 1 { 1e-10 } else { 1.0 });
+            if n % 4 == 0 {
+                (d[1], d[2]) = (d[1] * 1e-9, if n % 8 == 0 { 0.0 } else { d[2] * 1e-9 });
+            }
+            let (center, turn) = (point(0.5), point(3.0));
+            let pose = robot::Pose::from_xyz_rpy(center, if n % 3 == 0 { [0.0; 3] } else { turn });
+            let place = |p: Point| pose.transform_point(&p.into());
+            let (from, to) = (place(a), place(std::array::from_fn(|i| a[i] + d[i])));
+            let z = pose.r.column(2).into_owned();
+            let solids = [
+                Solid::Box { center: pose.t, r: pose.r, half_m: half_m.into() },
+                Solid::HalfSpace { normal: z, offset_m: 0.3 * center[0] },
+            ];
+            for solid in solids {
+                let own = Obstacle::new(&solid).distance(&[from.into(), to.into()]);
+                let other = solid.segment_distance(&from, &to);
+                assert!((own - other).abs() < 1e-9, "{n}: {own} {other} {from} {to} {solid:?}");
+                touching += usize::from(own == 0.0);
+            }
+        }
+        assert!(touching > 1000, "{touching}");
+    }
+
+    #[test]
+    fn segment_distances_match_known_geometry() {
+        let x = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]];
+        let crossing_above = [[0.5, -1.0, 0.3], [0.5, 1.0, 0.3]];
+        let parallel = [[0.5, 0.2, 0.0], [3.0, 0.2, 0.0]];
+        let beyond_the_end = [[4.0, 4.0, 0.0], [4.0, 8.0, 0.0]];
+        let point = [[0.25, 0.0, 0.7]; 2];
+        for (other, expected) in [(crossing_above, 0.3), (parallel, 0.2), (beyond_the_end, 5.0), (point, 0.7), (x, 0.0)]
+        {
+            assert!((distance(&x, &other) - expected).abs() < 1e-12, "{other:?}: {}", distance(&x, &other));
+            assert!((distance(&other, &x) - expected).abs() < 1e-12);
+        }
     }
 }

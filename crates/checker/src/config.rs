@@ -1,5 +1,6 @@
 //! Settings of a driver and of the checker of its steps.
 
+use crate::clearance::Body;
 use driver::Interface;
 use messages::{JOINTS_MAX, TICK_HZ};
 use plant::Links;
@@ -17,8 +18,9 @@ pub struct Options {
     pub pause_ms: f64,
     /// Ticks without an acceptable command after which the driver latches its fault.
     pub silence_ticks: u64,
-    /// True payload of the left and the right hand, kg. Without a value it is the robot file's. The centre is the robot
-    /// file's. The planner of the motion may use another payload: the robot file's, or the operator's report.
+    /// True payload of the left and the right hand, kg. Without a value it is the robot file's. The centre is the
+    /// robot file's. The planner of the motion may use another payload: the robot file's, or the operator's
+    /// report.
     pub payload_kg: [Option<f64>; 2],
     /// Speed limit for elbows and hands in the base frame, m/s. A faster command is a violation.
     pub hand_speed_max_m_per_s: f64,
@@ -72,6 +74,7 @@ pub struct Config {
     pub(crate) follower: driver::Config,
     /// The stricter of URDF and robot file, joint by joint and limit by limit.
     pub(crate) limits: [JointLimits; JOINTS_MAX],
+    pub(crate) body: Body,
     pub(crate) links: Links,
     pub(crate) hand_speed_max_m_per_s: f64,
     pub(crate) speed_points: [robot::SpeedPoint; 4],
@@ -106,6 +109,7 @@ impl Config {
                 ..driver::Config::new(model.id(), std::array::from_fn(last_hop))
             },
             limits,
+            body: Body::new(model),
             hand_speed_max_m_per_s: within("hand_speed_max_m_per_s", options.hand_speed_max_m_per_s, 0.01, 100.0)?,
             speed_points: model.speed_points(),
             initial_outside: options.initial_outside,

@@ -1,11 +1,22 @@
 //! The command `collision draw`.
 
 use crate::{own_urdf, parse_all, robot_texts};
+use clap::ValueEnum;
 use collision::draw::{Cloud, draw as draw_views, draw_row};
 use collision::error::CollisionError;
 use collision::scene::Scene;
+use messages::JOINTS_MAX;
 use robot::Model;
 use std::path::PathBuf;
+
+/// A posture.
+#[derive(Clone, Copy, ValueEnum)]
+enum Pose {
+    /// The robot file's home.
+    Home,
+    /// Both arms straight out to the sides: the robot file's reference, with the other joints at home.
+    Reference,
+}
 
 /// Options of `collision draw`.
 #[derive(clap::Args)]
@@ -22,9 +33,12 @@ pub(crate) struct Draw {
     /// The picture to write, .png.
     #[arg(long)]
     out: PathBuf,
+    /// The posture.
+    #[arg(long, value_enum, default_value = "home")]
+    pose: Pose,
 }
 
-/// Draws the robot or the robots at home. Always returns true.
+/// Draws the robot or the robots. Always returns true.
 pub(crate) fn draw(options: &Draw) -> Result<bool, CollisionError> {
     let read = |file: &PathBuf| {
         let (toml, urdf) = robot_texts(file)?;
@@ -32,7 +46,7 @@ pub(crate) fn draw(options: &Draw) -> Result<bool, CollisionError> {
     };
     let models = options.robot.iter().map(read).collect::<Result<Vec<Model>, CollisionError>>()?;
     let [model] = models.as_slice() else {
-        let robots: Vec<_> = models.iter().map(|model| (model, model.home)).collect();
+        let robots: Vec<_> = models.iter().map(|model| (model, options.posture(model))).collect();
         draw_row(&robots, &options.out)?;
         return Ok(true);
     };
@@ -45,6 +59,12 @@ pub(crate) fn draw(options: &Draw) -> Result<bool, CollisionError> {
         let points = scene.points(&link.name)?;
         clouds.push(Cloud { link: link.name.clone(), points });
     }
-    draw_views(model, &model.home, &clouds, &options.out)?;
+    draw_views(model, &options.posture(model), &clouds, &options.out)?;
     Ok(true)
+}
+
+impl Draw {
+    fn posture(&self, model: &Model) -> [f64; JOINTS_MAX] {
+        if matches!(self.pose, Pose::Reference) { model.t_pose() } else { model.home }
+    }
 }

@@ -1,13 +1,13 @@
 //! The command `collision limits`.
 
 use crate::robot_texts;
-use collision::dynamics::Dynamics;
+use collision::dynamics::{Dynamics, Payload};
 use collision::error::CollisionError;
 use collision::limits::{Found, Motion, Sampling, State, Survey};
 use collision::report;
 use messages::ARM_JOINTS;
 use nalgebra::Vector3;
-use robot::{Inertia, Model};
+use robot::{Arm, Model, Pose};
 use rt::out;
 use std::path::PathBuf;
 
@@ -16,9 +16,12 @@ use std::path::PathBuf;
 pub(crate) struct Limits {
     /// Robot file.
     robot: PathBuf,
-    /// Point mass in each hand, kg, where the robot file says under [payload].
+    /// Point mass in each hand, kg.
     #[arg(long, default_value_t = 0.0)]
     payload_kg: f64,
+    /// Links whose origins carry the payload [default: the centres under [payload] in the robot file].
+    #[arg(long)]
+    payload_at: Vec<String>,
     /// Number of random states.
     #[arg(long, default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     states: u64,
@@ -40,12 +43,19 @@ impl Limits {
         Ok(())
     }
 
-    /// Returns the masses that the hands carry, each on its wrist's last body.
-    fn loads(&self, model: &Model) -> [(usize, Inertia); 2] {
-        [0, 1].map(|side| {
-            let center = model.payload[side].map_or_else(Vector3::zeros, |payload| payload.center);
-            (model.arms[side].joints[ARM_JOINTS - 1] + 1, Inertia::point(self.payload_kg, center))
-        })
+    /// Returns the masses that the hands carry: where the robot file says, or at the origins of the given links.
+    fn payloads(&self, model: &Model) -> Vec<Payload> {
+        let mass_kg = self.payload_kg;
+        if !self.payload_at.is_empty() {
+            let at_origin = |link: &String| Payload { link: link.clone(), center: Vector3::zeros(), mass_kg };
+            return self.payload_at.iter().map(at_origin).collect();
+        }
+        let hand = |(arm, payload): (&Arm, &Option<robot::Payload>)| {
+            let body = arm.joints[ARM_JOINTS - 1] + 1;
+            let link = model.links().find(|(_, of, pose)| *of == body && **pose == Pose::identity())?.0.to_owned();
+            Some(Payload { link, center: payload.map_or_else(Vector3::zeros, |payload| payload.center), mass_kg })
+        };
+        model.arms.iter().zip(&model.payload).filter_map(hand).collect()
     }
 }
 
@@ -56,7 +66,9 @@ pub(crate) fn limits(options: &Limits) -> Result<bool, CollisionError> {
     options.check()?;
     let (toml, urdf) = robot_texts(&options.robot)?;
     let model = Model::from_text(&toml.0, &toml.1, &urdf.0, &urdf.1)?;
-    let dynamics = Dynamics::new(&model, options.loads(&model));
+    let parsed =
+        urdf_rs::read_from_string(&urdf.1).map_err(|error| CollisionError::content(&urdf.0, error.to_string()))?;
+    let dynamics = Dynamics::new(&model, &parsed, &options.payloads(&model))?;
     let sampling = Sampling { states: options.states, seed: options.seed, share: options.share };
     let survey = Survey { model: &model, dynamics: &dynamics, sampling };
     out!("All joints at their limits in force at once, without whole-body control:");

@@ -18,7 +18,8 @@ pub struct Judge<'a> {
     fragments: Vec<OnceLock<Option<Fragments>>>,
 }
 
-/// Largest number of deciding joints for which a proof by hulls is tried: parts of one shoulder or wrist, or a neck.
+/// Largest number of deciding joints for which a proof by hulls is tried: parts of one shoulder or wrist, or a
+/// neck.
 const HULL_JOINTS_MAX: usize = 3;
 /// Largest number of cells that a proof by fragments may visit. Their distances are slow.
 const FRAGMENT_CELLS_MAX: usize = 20_000;

@@ -1,5 +1,6 @@
-//! The content of a robot file beyond its URDF. It consists of capsules fitted around meshes and primitives, pairs that
-//! are proved never to meet, and accelerations that the motors can always give. The tool also draws the robot.
+//! The content of a robot file beyond its URDF. It consists of capsules fitted around meshes and primitives,
+//! pairs that are proved never to meet, and accelerations that the motors can always give. The tool also draws
+//! the robot.
 
 #![allow(missing_docs, reason = "the library of a program: only the program, tests and other tools use it")]
 // Bounds are written as `!(value <= bound)` so that NaN is rejected.

@@ -20,7 +20,8 @@ use rt::{Exit, Failure, err, out};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Fits and checks the capsules of a robot file, finds the accelerations that its motors can give, and draws it.
+/// Fits and checks the capsules of a robot file, finds the accelerations that its motors can give, and draws
+/// it.
 #[derive(Parser)]
 #[command(version, about)]
 struct Arguments {
@@ -41,7 +42,8 @@ enum Command {
         #[arg(long)]
         plan_out: Option<PathBuf>,
     },
-    /// Verify containment and the reason of every pair that is not checked, and that a new fit gives the same result.
+    /// Verify containment and the reason of every pair that is not checked, and that a new fit gives the same
+    /// result.
     Check {
         #[command(flatten)]
         source: Source,
@@ -49,7 +51,8 @@ enum Command {
     /// Print how far the shape of each link sticks out of its capsules, the worst first, and how much larger the
     /// capsules are.
     Cover(command_cover::Cover),
-    /// Print torques by inverse dynamics at the limits in force, or the accelerations that the motors can always give.
+    /// Print torques by inverse dynamics at the limits in force, or the accelerations that the motors can
+    /// always give.
     Limits(command_limits::Limits),
     /// Draw front and side view, with capsules over the points of meshes or primitives, as PNG.
     Draw(command_draw::Draw),
@@ -67,7 +70,8 @@ struct Source {
     /// Robot file. It names the URDF that defines limits and kinematics.
     #[arg(long, default_value = "config/robots/tiago_dual.toml")]
     robot: PathBuf,
-    /// Plan: which links share capsules, and how many. Without it the tool makes one, and says which pairs are near.
+    /// Plan: which links share capsules, and how many. Without it the tool makes one, and says which pairs are
+    /// near.
     #[arg(long)]
     plan: Option<PathBuf>,
 }

@@ -85,8 +85,9 @@ pub fn prove(model: &Model, a: &Capsule, b: &Capsule, clear_m: f64) -> Verdict {
 /// Decides whether the clearance of two parts is always above `clear_m`. `distance` returns the clearance (m)
 /// in a configuration. The proof visits at most `cells_max` cells.
 ///
-/// Branch and bound over the box of the limits in force. A cell is done if the clearance in its middle is enough, less
-/// all that both parts can move inside the cell. Otherwise the cell is halved across the joint that moves them most.
+/// Branch and bound over the box of the limits in force. A cell is done if the clearance in its middle is
+/// enough, less all that both parts can move inside the cell. Otherwise the cell is halved across the joint
+/// that moves them most.
 pub fn prove_parts(
     model: &Model,
     a: &Part<'_>,

@@ -138,7 +138,8 @@ impl Splitter {
     }
 }
 
-/// Returns at most `count` cells of small volume. First come the given cuts, then always the cut that saves the most.
+/// Returns at most `count` cells of small volume. First come the given cuts, then always the cut that saves the
+/// most.
 pub fn split(matter: Matter, count: usize, cuts: &[Cut], slimness: f64) -> Vec<Cell> {
     let mut splitter = Splitter::new(matter, cuts, slimness);
     while splitter.cells.len() < count {

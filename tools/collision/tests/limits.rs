@@ -18,8 +18,8 @@ const ROBOTS: [(&str, &str); 2] = [
     ),
 ];
 
-fn load((toml, urdf): (&str, &str)) -> Model {
-    Model::from_text("toml", toml, "urdf", urdf).unwrap()
+fn load((toml, urdf): (&str, &str)) -> (Model, urdf_rs::Robot) {
+    (Model::from_text("toml", toml, "urdf", urdf).unwrap(), urdf_rs::read_from_string(urdf).unwrap())
 }
 
 const SAMPLING: Sampling = Sampling { states: 20_000, seed: 99, share: 0.85 };
@@ -28,8 +28,8 @@ const SAMPLING: Sampling = Sampling { states: 20_000, seed: 99, share: 0.85 };
 #[test]
 fn shipped_robots_can_hold_every_sampled_posture() {
     for texts in ROBOTS {
-        let model = load(texts);
-        let dynamics = Dynamics::new(&model, []);
+        let (model, urdf) = load(texts);
+        let dynamics = Dynamics::new(&model, &urdf, &[]).unwrap();
         let survey = Survey { model: &model, dynamics: &dynamics, sampling: SAMPLING };
         let found = survey.pass(&Motion::AT_REST);
         let climbed = survey.climb_all(&found, &Motion::AT_REST);
@@ -48,8 +48,8 @@ fn shipped_robots_can_hold_every_sampled_posture() {
 /// Some signs of the accelerations reach the bound, and none exceeds it.
 #[test]
 fn torque_bound_over_accelerations_is_reached_never_exceeded() {
-    let model = load(ROBOTS[0]);
-    let dynamics = Dynamics::new(&model, []);
+    let (model, urdf) = load(ROBOTS[0]);
+    let dynamics = Dynamics::new(&model, &urdf, &[]).unwrap();
     let survey = Survey { model: &model, dynamics: &dynamics, sampling: Sampling { states: 300, ..SAMPLING } };
     let motion = Motion::in_force(&model);
     let mut rng = rand_pcg::Pcg64::seed_from_u64(5);
@@ -75,7 +75,7 @@ fn torque_bound_over_accelerations_is_reached_never_exceeded() {
 /// Weights belong to the arms and to the name of the robot. Both files take the same weights.
 #[test]
 fn both_shipped_robots_have_the_same_arms() {
-    let [hands, grippers] = ROBOTS.map(load);
+    let [(hands, _), (grippers, _)] = ROBOTS.map(load);
     assert_eq!((&hands.name, hands.arms), (&grippers.name, grippers.arms));
     assert_ne!(hands.hash, grippers.hash);
     assert!(hands.link_body("gripper_left_link").is_none() && grippers.link_body("gripper_left_link").is_some());

@@ -56,7 +56,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
     // The daemon does the same, so the commands are equal to the bit.
     let _ = rt::flush_denormals();
     let loaded = load(cli)?;
-    let stage = Stage::new(&loaded);
+    let stage = Stage::new(&loaded)?;
     let (arm, bounds) = (ArmModel::from_model(&loaded.model), bounds_of(&loaded.model));
     let mut delays_ms = DELAYS_MS.to_vec();
     delays_ms.push(cli.delay_ms);

@@ -12,6 +12,7 @@ use follow::solver::State;
 use messages::{JointCommand, Mode, Stamp, command_flag, deadline};
 use motion::{CalibrationMode, Motion};
 use robot::Model;
+use rt::{Exit, Failure};
 use std::collections::BTreeMap;
 use world::{Links, Moment, Offline, OfflineEnd};
 
@@ -58,8 +59,14 @@ pub struct Stage<'a> {
 }
 
 impl<'a> Stage<'a> {
-    pub fn new(loaded: &'a Loaded) -> Self {
-        Self { loaded, dynamics: Dynamics::new(&loaded.model, []) }
+    pub fn new(loaded: &'a Loaded) -> Result<Self, Failure> {
+        // Settings, robot file, URDF: `config` reads them in this order.
+        let urdf = loaded.files.iter().find(|file| file.extension().is_some_and(|extension| extension == "urdf"));
+        let path = urdf.cloned().unwrap_or_default();
+        let masses = |reason: String| Failure::new(Exit::Config, format!("{}: {reason}", path.display()));
+        let urdf = urdf_rs::read_file(&path).map_err(|error| masses(error.to_string()))?;
+        let dynamics = Dynamics::new(&loaded.model, &urdf, &[]).map_err(|error| masses(error.to_string()))?;
+        Ok(Self { loaded, dynamics })
     }
 
     pub fn play(&self, motion: &Motion, calibration: CalibrationMode) -> Result<Played, String> {

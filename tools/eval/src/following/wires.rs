@@ -104,7 +104,7 @@ impl fmt::Display for Table {
 
 pub(crate) fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
     let loaded = load(cli)?;
-    let (stage, arm) = (Stage::new(&loaded), ArmModel::from_model(&loaded.model));
+    let (stage, arm) = (Stage::new(&loaded)?, ArmModel::from_model(&loaded.model));
     let files = chosen(folder, cli.clips.as_deref())?;
     let motions: Result<Vec<_>, _> = files.iter().map(|file| motion::load(file)).collect();
     let motions = motions.map_err(|error| Failure::new(Exit::Config, format!("{}: {error}", folder.display())))?;
