@@ -65,7 +65,7 @@ impl Packages {
     }
 }
 
-/// What the page's worker finds in images, as `render check --found` reads it: m.
+/// Returns the landmarks that the page's worker finds in images, as `render check --found` reads them, m.
 fn found_by_page(browser: &mut Browser, images: &Path) -> Value {
     // The page's own worker and address of the user's files.
     browser.evaluate_async(

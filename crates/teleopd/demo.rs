@@ -34,16 +34,7 @@ const REST_WITHIN: Duration = Duration::from_secs(2);
 /// Runs the demo.
 pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
-    if let Some(seconds) = options.seconds
-        && !(seconds > 0.0 && seconds <= 86_400.0)
-    {
-        return Err(Failure::new(Exit::Usage, format!("--seconds {seconds} is outside (0, 86400]")));
-    }
     let (motion, loaded) = read(options)?;
-    if loaded.settings.driver.kind == DriverKind::Robot {
-        let text = "demo moves a simulated robot only, but driver.kind is \"robot\"; run `teleopd up`";
-        return Err(Failure::new(Exit::Config, text));
-    }
     let simulator = if loaded.driver_program().is_some() { Simulator::Own } else { Simulator::BuiltIn };
     let folder = Folder::new(options.run_dir.as_deref(), "demo");
     let instance = instance_in(&folder.path)?;
@@ -90,25 +81,20 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
         instance.retire();
     }
     let report = Report::collect(&instance, simulator).map_err(|failure| {
-        let mut causes = trouble.clone();
-        causes.extend(ended.as_ref().err().cloned());
-        causes.push(failure.text);
-        Failure::new(failure.exit, causes.join("; "))
+        let causes = trouble.iter().chain(ended.as_ref().err()).chain([&failure.text]);
+        Failure::new(failure.exit, causes.map(String::as_str).collect::<Vec<_>>().join("; "))
     })?;
     report.print();
-    if let Some(path) = &options.report {
-        let text = format!("{:#}\n", report.to_json());
-        std::fs::write(path, text).map_err(|error| Failure::new(Exit::Failed, rt::unwritable(path, &error)))?;
-    }
+    report.write(options.report.as_deref())?;
     if shutdown.requested() {
         return Ok(Exit::Interrupted);
     }
-    let exit = judged(trouble, ended.err(), &report)?;
+    judged(trouble, ended.err(), &report)?;
     if !options.quiet {
         out!("\nnext      {} tour shows the page, a Python client and a recording, in five minutes", TELEOPD.typed());
     }
     out!("{}", report.verdict());
-    Ok(exit)
+    Ok(Exit::Ok)
 }
 
 /// Prints what is played, and who drives the robot if a program of the settings does.
@@ -128,14 +114,14 @@ fn print_inputs(motion: &motion::Motion, loaded: &Loaded) {
     }
 }
 
-/// Returns the exit of a run. `trouble` is that of the processes, and `ended` why the robot was stopped or did not engage. A
+/// Returns the failure of a run. `trouble` is that of the processes, and `ended` why the robot was stopped or did not engage. A
 /// machine that paused is no broken robot: then the run was only held.
-fn judged(mut trouble: Vec<String>, ended: Option<String>, report: &Report) -> Result<Exit, Failure> {
+fn judged(mut trouble: Vec<String>, ended: Option<String>, report: &Report) -> Result<(), Failure> {
     trouble.extend(report.violations());
     let mut stops = report.stops();
     stops.extend(ended);
     match (trouble.is_empty(), stops.is_empty(), report.advice(), report.pause()) {
-        (true, true, None, _) => Ok(Exit::Ok),
+        (true, true, None, _) => Ok(()),
         (true, true, Some(advice), _) => Err(Failure::new(Exit::Held, advice)),
         (true, false, _, Some(pause)) => {
             let (why, book) = (stops.join("; "), "docs/src/real-time.md");
@@ -154,6 +140,9 @@ fn judged(mut trouble: Vec<String>, ended: Option<String>, report: &Report) -> R
 
 /// Reads all inputs of a run. Checks that its report can be written and its page served.
 fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
+    if let Some(seconds) = options.seconds.filter(|seconds| !(*seconds > 0.0 && *seconds <= 86_400.0)) {
+        return Err(Failure::new(Exit::Usage, format!("--seconds {seconds} is outside (0, 86400]")));
+    }
     let motion = match &options.motion {
         Some(path) => match path.to_str().and_then(motion::builtin_named) {
             Some(motion) => motion,
@@ -164,6 +153,10 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
     let (interface, robot) = (options.interface, options.robot.clone());
     let overrides = Overrides { engage_without_realtime: true, interface, robot };
     let loaded = config::load(&options.config, overrides).map_err(Failure::with(Exit::Config))?;
+    if loaded.settings.driver.kind == DriverKind::Robot {
+        let text = "demo moves a simulated robot only, but driver.kind is \"robot\"; run `teleopd up`";
+        return Err(Failure::new(Exit::Config, text));
+    }
     // Checked before the run, so that an unwritable report is found early. An existing report stays until the run
     // has ended.
     if let Some(path) = &options.report {

@@ -7,6 +7,7 @@ use rt::out;
 use rt::{Exit, Failure};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
+use std::path::Path;
 
 /// Kinds of violation that the command checker counts.
 const VIOLATIONS: [&str; 7] = ["position", "velocity", "acceleration", "jerk", "clearance", "hand speed", "torque"];
@@ -52,18 +53,12 @@ impl Report {
         };
         let (first, last) = of_retarget.span().ok_or_else(|| Failure::new(Exit::Failed, "retarget never ticked"))?;
         let length = last - first + 1;
-        let mut ticks = Map::new();
-        let mut missed = Map::new();
-        let mut pause = (0, Value::Null);
-        for (name, timeline) in [("retarget", of_retarget), ("control", of_control), ("driver", of_driver)] {
+        let timelines = [("retarget", of_retarget), ("control", of_control), ("driver", of_driver)];
+        let (mut ticks, mut missed) = (Map::new(), Map::new());
+        for (name, timeline) in &timelines {
             let ran = timeline.ticks_within(first, last);
-            ticks.insert(name.into(), json!(ran));
-            missed.insert(name.into(), json!(length - ran));
-            if let Some((k, lost)) = timeline.longest_pause().filter(|(_, lost)| *lost > pause.0) {
-                let [ms, at_s] =
-                    [lost as f64 * 1e3, k.saturating_sub(first) as f64].map(|ticks| ticks / TICK_HZ as f64);
-                pause = (lost, json!({ "process": name, "ms": ms, "at_s": at_s }));
-            }
+            ticks.insert((*name).into(), json!(ran));
+            missed.insert((*name).into(), json!(length - ran));
         }
         let mut transitions = control["mode_transitions"].as_array().cloned().unwrap_or_default();
         for transition in &mut transitions {
@@ -80,7 +75,7 @@ impl Report {
             "seconds": length as f64 / TICK_HZ as f64,
             "ticks": ticks,
             "missed_deadlines": missed,
-            "longest_pause": pause.1,
+            "longest_pause": longest_pause(&timelines, first),
             "latency_us": {
                 "skeleton_to_command": percentiles(&driver["telemetry"]["metrics"]["skeleton_to_command"]),
                 "target_to_command": percentiles(&driver["telemetry"]["metrics"]["target_to_command"]),
@@ -110,6 +105,13 @@ impl Report {
     /// Returns the report as JSON.
     pub fn to_json(&self) -> &Value {
         &self.value
+    }
+
+    /// Writes the report as JSON to this file, if there is one.
+    pub fn write(&self, path: Option<&Path>) -> Result<(), Failure> {
+        let Some(path) = path else { return Ok(()) };
+        let text = format!("{:#}\n", self.to_json());
+        std::fs::write(path, text).map_err(|error| Failure::new(Exit::Failed, rt::unwritable(path, &error)))
     }
 
     /// Returns the violations. Empty if no limit was broken.
@@ -257,6 +259,15 @@ impl Report {
             out!("{:>12.3} s   {} -> {} ({})", number(&one["t_s"]), text("from"), text("to"), text("why"));
         }
     }
+}
+
+/// The longest time for which one of the processes ran no tick, in a run that began at tick `first`. Null without one.
+fn longest_pause(timelines: &[(&str, Timeline)], first: u64) -> Value {
+    let pauses = timelines.iter().filter_map(|(name, timeline)| Some((*name, timeline.longest_pause()?)));
+    pauses.max_by_key(|(_, (_, lost))| *lost).map_or(Value::Null, |(process, (k, lost))| {
+        let [ms, at_s] = [lost as f64 * 1e3, k.saturating_sub(first) as f64].map(|ticks| ticks / TICK_HZ as f64);
+        json!({ "process": process, "ms": ms, "at_s": at_s })
+    })
 }
 
 /// Returns how long the robot should have followed, how long it did, and why it held. The run ended at `end_s`.

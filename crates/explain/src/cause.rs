@@ -1,6 +1,7 @@
 //! Present cause for which the robot does not follow, without the history.
 
-use crate::sentences::{engages, follows, meaning, moves, newest_transitions, not_at_rest, reduced, subject, why};
+use crate::following::{engages, follows};
+use crate::sentences::{meaning, moves, newest_transitions, not_at_rest, reduced, subject, why};
 use messages::{Fault, Faults, Mode, Response, Status, Subject, Transition};
 use robot::Names;
 use std::cmp::Reverse;

@@ -1,10 +1,11 @@
 //! Sentences for the operator: what happened, and why the robot does not move. They name the fault, the joint or
 //! the pair.
 
+use crate::following::{engages, follows};
 use crate::input_age_ms;
 use messages::{
-    CalibrationSource, FAULTS, Fault, Faults, FollowingLimit, Mode, PayloadRefusal, Response, Stamp, Status, Subject,
-    TRANSITIONS_KEPT, Transition, reduced_flag,
+    CalibrationSource, FAULTS, Fault, Faults, Mode, PayloadRefusal, Response, Stamp, Status, Subject, TRANSITIONS_KEPT,
+    Transition, reduced_flag,
 };
 use robot::Names;
 use safety::gate::Denial;
@@ -18,9 +19,6 @@ const TARGET_SILENT_MS: f64 = 50.0;
 
 /// A frame that is younger than this was just received, ms: those of the slowest allowed client are 50 ms apart.
 const INPUT_SEEN_MS: f64 = 100.0;
-
-/// Limb error below which the robot counts as being at the person, deg. Nobody sees a smaller one. Assumption.
-pub const BEHIND_DEG: f64 = 3.0;
 
 /// Severity of a sentence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -165,60 +163,6 @@ pub fn why(status: &Status, names: &Names) -> String {
         Some(mode) if moves(mode) => follows(status, names),
         _ => "The robot waits to be engaged.".into(),
     })
-}
-
-/// Says how far the robot still is from the person's posture, and which limit or arm keeps it from there.
-pub(crate) fn engages(status: &Status, names: &Names) -> String {
-    let away = behind_deg(status).map(|degrees| format!(", {degrees:.0} degrees behind{}", limit(status, names)));
-    format!("The robot moves to the person's posture slowly{}.{}", away.unwrap_or_default(), unseen(status))
-}
-
-/// Says how closely the robot follows, and which limit or arm keeps it from the person.
-pub(crate) fn follows(status: &Status, names: &Names) -> String {
-    let who = match status.left_out & 3 {
-        1 => "The robot's right arm",
-        2 => "The robot's left arm",
-        _ => "The robot",
-    };
-    let behind = behind_deg(status).map(|degrees| format!(", {degrees:.0} degrees behind{}", limit(status, names)));
-    format!("{who} follows{}.{}", behind.unwrap_or_default(), unseen(status))
-}
-
-/// Mean angle between the limbs of the robot and of the person, degrees. `None` if nobody sees it.
-fn behind_deg(status: &Status) -> Option<f64> {
-    Some(status.limb_error_measured_rad.to_degrees()).filter(|&degrees| degrees >= BEHIND_DEG)
-}
-
-/// The limit that the command has reached, after a colon. Empty if there is none.
-fn limit(status: &Status, names: &Names) -> String {
-    let about = subject(Subject::from_code(status.limited_about), names);
-    let limit = about.and_then(|about| match FollowingLimit::from_u32(status.limited_why) {
-        FollowingLimit::None => None,
-        FollowingLimit::Speed => Some(format!(": {about} is at its highest speed")),
-        FollowingLimit::Clearance => Some(format!(": {about} are as close as they may be")),
-        FollowingLimit::Range => Some(format!(": {about} is at the end of its range")),
-    });
-    limit.unwrap_or_default()
-}
-
-/// A sentence about the person's arms that nobody sees. Empty if both are seen.
-fn unseen(status: &Status) -> &'static str {
-    match status.left_out >> 2 {
-        1 => " The person's left arm is not seen well enough.",
-        2 => " The person's right arm is not seen well enough.",
-        3 => " Neither of the person's arms is seen well enough.",
-        _ => "",
-    }
-}
-
-/// Name in reports of the limit that keeps the command from the person.
-pub(crate) fn limit_name(status: &Status) -> Option<&'static str> {
-    match FollowingLimit::from_u32(status.limited_why) {
-        FollowingLimit::None => None,
-        FollowingLimit::Speed => Some("speed"),
-        FollowingLimit::Clearance => Some("clearance"),
-        FollowingLimit::Range => Some("range"),
-    }
 }
 
 /// Explains a fault. While the fault lasts, adds the joint or pair that it concerns and a remedy.
@@ -375,7 +319,7 @@ pub fn newest_transitions(status: &Status, count: u32) -> impl Iterator<Item = &
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::Layout;
+    use messages::{FollowingLimit, Layout};
 
     fn transition(k: u64, from: Mode, to: Mode, why: u32) -> Transition {
         Transition { k, from: from as u32, to: to as u32, why, about: 0 }

@@ -83,7 +83,7 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         "transitions": transitions,
     });
     let limited_about = sentences::subject(Subject::from_code(status.limited_about), names);
-    all["limited"] = json!({ "by": sentences::limit_name(status), "about": limited_about });
+    all["limited"] = json!({ "by": crate::following::limit_name(status), "about": limited_about });
     all["lost_percent"] = json!(0.1 * f64::from(status.lost_permille));
     let arms = |bits: u32| [(1, "left"), (2, "right")].into_iter().filter(move |(side, _)| bits & side != 0);
     all["left_out"] = arms(status.left_out).map(|(_, name)| name).collect();

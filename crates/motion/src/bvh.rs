@@ -26,8 +26,8 @@ const FRAME_TIME_S: [f64; 2] = [1e-5, 10.0];
 
 /// Cosine of half the largest turn of a joint in a rest pose: 0.2 degrees are rounding.
 const REST_COSINE: f32 = 0.999_998_5;
-/// A joint that moves this far against the pelvis from the first frame to the second jumps, m, if it moves this many times
-/// less in each of the frames that follow. Assumptions: exporters put a T-pose before people whose arms hang.
+/// Distance by which a joint moves against the pelvis in a jump from the first frame, m. In each of the frames that follow it
+/// moves this many times less. Assumptions: exporters put a T-pose before people whose arms hang.
 const REST_JUMP_M: f32 = 0.1;
 const REST_JUMP: f32 = 5.0;
 const REST_JUMP_FRAMES: usize = 10;

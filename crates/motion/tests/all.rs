@@ -5,6 +5,7 @@ mod bounds;
 mod builtin;
 mod bvh;
 mod clips;
+mod estimates;
 mod recordings;
 mod rigs;
 mod writers;

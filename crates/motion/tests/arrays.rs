@@ -10,19 +10,19 @@ use std::path::{Path, PathBuf};
 use writers::*;
 
 /// Returns every third frame of the built-in motion, at 20 Hz. All of its poses appear.
-fn short() -> Motion {
+pub fn short() -> Motion {
     let mut motion = builtin();
     motion.frames = motion.frames.into_iter().step_by(3).collect();
     motion.frame_rate_hz = 20.0;
     motion
 }
 
-fn folder() -> tempfile::TempDir {
+pub fn folder() -> tempfile::TempDir {
     tempfile::tempdir().expect("a folder")
 }
 
 /// Largest angle between the limb rotations of two motions, degrees.
-fn largest_angle(a: &Motion, b: &Motion) -> f64 {
+pub fn largest_angle(a: &Motion, b: &Motion) -> f64 {
     assert_eq!(a.frames.len(), b.frames.len());
     let none = HingeCalibration::ZERO;
     let both = limbs(a, &none).into_iter().zip(limbs(b, &none));
@@ -317,50 +317,6 @@ fn frame_rate_option_is_used_within_its_bounds() {
         let error = load_with(&path, &rate(bad)).expect_err("no rate").to_string();
         assert!(error.contains("is not within [0.01, 100000]"), "{error}");
     }
-}
-
-#[test]
-fn limbs_that_change_their_lengths_get_their_median() {
-    let folder = folder();
-    let motion = positions_only(short());
-    let path = folder.path().join("network.npy");
-    for change in [0.04, 0.12] {
-        let mut changed = motion.clone();
-        for (n, frame) in changed.frames.iter_mut().enumerate() {
-            let factor = 1.0 + change * (0.3 * n as f32).sin();
-            let [elbow, wrist] = [18, 20].map(|joint| frame.positions[joint]);
-            frame.positions[20] = std::array::from_fn(|c| elbow[c] + factor * (wrist[c] - elbow[c]));
-        }
-        write_npy(&path, &[motion.frames.len(), 22, 3], &positions_y_up(&changed), Kind::F64);
-        let read = load(&path).expect("a motion");
-        let warning = format!("limbs change their lengths (left_wrist by up to {:.0} %)", 100.0 * change);
-        assert!(read.guesses.warnings.iter().any(|own| own.starts_with(&warning)), "{:?}", read.guesses.warnings);
-        assert!(largest_angle(&motion, &read) < 0.05);
-        let length = |frame: &motion::Frame| {
-            let [elbow, wrist] = [18, 20].map(|joint| nalgebra::Vector3::from(frame.positions[joint]));
-            (wrist - elbow).norm()
-        };
-        for (frame, source) in read.frames.iter().zip(&motion.frames) {
-            assert!((length(frame) / length(source) - 1.0).abs() < 0.01, "{change}");
-        }
-    }
-}
-
-#[test]
-fn rate_that_moves_nobody_so_is_asked_for_and_endless_motion_is_refused() {
-    let folder = folder();
-    let motion = short();
-    let path = folder.path().join("clip.npy");
-    write_npy(&path, &[motion.frames.len(), 22, 3], &positions_y_up(&motion), Kind::F32);
-    let rate = |hz| LoadOptions { frame_rate_hz: Some(hz), ..LoadOptions::default() };
-    for (hz, asks) in [(20.0, false), (400.0, true), (1.0, true)] {
-        let read = load_with(&path, &rate(hz)).expect("a motion");
-        let asked = read.guesses.warnings.iter().any(|warning| warning.contains("the fastest wrist moves at"));
-        assert_eq!(asked, asks, "{hz} Hz: {:?}", read.guesses.warnings);
-    }
-    // A minute of frames at 0.02 Hz lasts a week.
-    let error = load_with(&path, &rate(0.02)).expect_err("too long").to_string();
-    assert!(error.contains("at 0.02 Hz become") && error.contains("at most 120000; give the true rate"), "{error}");
 }
 
 #[test]

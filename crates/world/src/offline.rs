@@ -6,7 +6,6 @@ use client::{PlayOptions, Player};
 use config::{ConfigError, Loaded};
 use messages::{JOINTS_MAX, Layout, Mode, Status, TICK_HZ};
 use motion::Motion;
-use robot::Names;
 use safety::engage::OperatorView;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -39,7 +38,7 @@ pub struct Row {
 pub enum OfflineEnd {
     /// The motion was played and the robot is at rest.
     AtRest,
-    /// The robot was stopped, or did not engage, and why.
+    /// The robot was stopped, or did not engage.
     Stopped(String),
 }
 
@@ -89,7 +88,6 @@ pub struct Offline {
     enabled: bool,
     released_at: Option<u64>,
     status: Status,
-    names: Names,
     report: OfflineReport,
     limb_sum_rad: f64,
     limb_measured_sum_rad: f64,
@@ -111,7 +109,6 @@ impl Offline {
             enabled: false,
             released_at: None,
             status: Status::ZERO,
-            names: Names::from_model(&loaded.model),
             report: OfflineReport::default(),
             limb_sum_rad: 0.0,
             limb_measured_sum_rad: 0.0,
@@ -178,6 +175,11 @@ impl Offline {
         &self.report
     }
 
+    /// The newest status of `control`, which says why a robot was stopped.
+    pub fn status(&self) -> &Status {
+        &self.status
+    }
+
     /// Judgement of the joints' true motion so far.
     pub fn judged(&self) -> &plant::Report {
         self.world.judged()
@@ -190,10 +192,7 @@ impl Offline {
     /// Returns the reason if the run ends before row `k`.
     fn end(&self, k: u64) -> Option<OfflineEnd> {
         let released = self.released_at;
-        let stopped = |what: &str| {
-            let why = explain::why_stopped(&self.status, &self.names).map_or(String::new(), |why| format!(": {why}"));
-            Some(OfflineEnd::Stopped(format!("{what}{why}")))
-        };
+        let stopped = |why: &str| Some(OfflineEnd::Stopped(why.into()));
         if self.mode == Mode::Faulted {
             return stopped("the robot was stopped by a fault");
         }

@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use messages::TICK_HZ;
 use motion::Motion;
 use record::{OfflineRecording, Trace};
-use robot::Model;
+use robot::{Model, Names};
 use rt::{Exit, Failure, out};
 use serde_json::json;
 use std::fs::File;
@@ -78,7 +78,11 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     write_summary(out, motion, report)?;
     match end {
         OfflineEnd::AtRest => Ok(()),
-        OfflineEnd::Stopped(why) => Err(Failure::new(Exit::Failed, why)),
+        OfflineEnd::Stopped(what) => {
+            let why = explain::why_stopped(offline.status(), &Names::from_model(&loaded.model));
+            let why = why.map_or(String::new(), |why| format!(": {why}"));
+            Err(Failure::new(Exit::Failed, format!("{what}{why}")))
+        }
     }
 }
 
