@@ -73,6 +73,10 @@ fn summary(cli: &Cli, file: &Path) -> Result<(), Failure> {
     let names = loaded.as_ref().map_or_else(|_| Names::default(), |loaded| Names::from_model(&loaded.model));
     let summary = Summary::read(file, &names).map_err(Failure::with(Exit::NoInput))?;
     out!("{}", summary.text().trim_end());
+    if let (true, Some(why)) = (summary.counts.is_empty(), summary.broken_off()) {
+        let text = format!("{}: is damaged or truncated before its first whole chunk ({why})", file.display());
+        return Err(Failure::new(Exit::NoInput, text));
+    }
     let Some(picture) = &cli.plot else { return Ok(()) };
     let loaded = loaded?;
     let title = format!("{}, {:.1} s", file.display(), summary.duration_s());

@@ -27,29 +27,73 @@ pub enum Content {
     },
 }
 
+/// Most bytes of messages that are sorted in memory: half an hour of a whole run.
+const SORTED_BYTES_MAX: u64 = 1 << 30;
+
+/// The messages of a recording in the order of their time, with its tables. Other programs write messages topic by topic, or
+/// the tables last.
 pub struct Recorded {
     file: PathBuf,
     reader: Reader<BufReader<File>>,
     about: BTreeMap<String, String>,
     outcome: BTreeMap<String, String>,
-    waiting: Option<(u64, Content)>,
+    /// All messages, if the file has them in another order.
+    sorted: Option<std::vec::IntoIter<(u64, Content)>>,
 }
 
 impl Recorded {
+    /// Opens a recording, and reads it once to find its tables and the order of its messages.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
+        let mut recorded = Self::begin(path)?;
+        let (mut ordered, mut newest, mut bytes) = (true, 0, 0_u64);
+        while let Some(item) = recorded.item()? {
+            match item {
+                Item::Message { log_time, data, .. } => {
+                    (ordered, newest) = (ordered && log_time >= newest, newest.max(log_time));
+                    bytes += data.len() as u64;
+                }
+                Item::Metadata { name, entries } if name == ABOUT => recorded.about = entries,
+                Item::Metadata { name, entries } if name == OUTCOME => recorded.outcome = entries,
+                Item::Metadata { .. } | Item::Attachment { .. } => {}
+            }
+        }
+        let again = Self::begin(path)?;
+        let mut recorded = Self { about: recorded.about, outcome: recorded.outcome, ..again };
+        if !ordered {
+            recorded.sort(bytes)?;
+        }
+        Ok(recorded)
+    }
+
+    fn begin(path: &Path) -> Result<Self, RecordError> {
         let open = |error: std::io::Error| RecordError::Open { cause: rt::unreadable(path, &error) };
         if !std::fs::metadata(path).map_err(open)?.is_file() {
             return Err(open(std::io::Error::other("is not a regular file")));
         }
-        let file = File::open(path).map_err(open)?;
-        let reader = Reader::new(BufReader::new(file));
+        let reader = Reader::new(BufReader::new(File::open(path).map_err(open)?));
         let (about, outcome) = (BTreeMap::new(), BTreeMap::new());
-        let mut recorded = Self { file: path.to_path_buf(), reader, about, outcome, waiting: None };
-        recorded.waiting = recorded.read()?;
-        Ok(recorded)
+        Ok(Self { file: path.to_path_buf(), reader, about, outcome, sorted: None })
     }
 
-    /// Returns the metadata at the beginning of the file.
+    /// Sorts all messages by their time. Those of one tick come in the order in which the stages take and make them.
+    fn sort(&mut self, bytes: u64) -> Result<(), RecordError> {
+        if bytes > SORTED_BYTES_MAX {
+            let cause = format!(
+                "its messages are not in the order of their time, and {bytes} bytes are more than the {SORTED_BYTES_MAX} that \
+                 are sorted here; `pymcap-cli sort` writes them in that order"
+            );
+            return Err(RecordError::Lacks { file: self.file.display().to_string(), cause });
+        }
+        let mut all = Vec::new();
+        while let Some(message) = self.read()? {
+            all.push(message);
+        }
+        all.sort_by_key(|(log_time, content)| (*log_time, content.rank()));
+        self.sorted = Some(all.into_iter());
+        Ok(())
+    }
+
+    /// Returns the table of the run's settings.
     pub fn about(&self) -> &BTreeMap<String, String> {
         &self.about
     }
@@ -84,28 +128,40 @@ impl Recorded {
     }
 
     pub fn next_message(&mut self) -> Result<Option<(u64, Content)>, RecordError> {
-        match self.waiting.take() {
-            Some(message) => Ok(Some(message)),
+        match &mut self.sorted {
+            Some(sorted) => Ok(sorted.next()),
             None => self.read(),
         }
     }
 
+    fn item(&mut self) -> Result<Option<Item>, RecordError> {
+        let file = || self.file.display().to_string();
+        self.reader.next_item().map_err(|source| RecordError::Read { file: file(), source })
+    }
+
     fn read(&mut self) -> Result<Option<(u64, Content)>, RecordError> {
-        loop {
-            let item = self.reader.next_item();
+        while let Some(item) = self.item()? {
+            let Item::Message { channel, log_time, data, .. } = item else { continue };
+            let Some(source) = self.reader.source(channel) else { continue };
+            let message = decode(&source.topic, &source.encoding, &source.schema, data);
             let file = || self.file.display().to_string();
-            match item.map_err(|source| RecordError::Read { file: file(), source })? {
-                None => return Ok(None),
-                Some(Item::Message { channel, log_time, data, .. }) => {
-                    let Some(source) = self.reader.source(channel) else { continue };
-                    let message = decode(&source.topic, &source.encoding, &source.schema, data)
-                        .map_err(|cause| RecordError::Lacks { file: file(), cause })?;
-                    return Ok(Some((log_time, message)));
-                }
-                Some(Item::Metadata { name, entries }) if name == ABOUT => self.about = entries,
-                Some(Item::Metadata { name, entries }) if name == OUTCOME => self.outcome = entries,
-                Some(_) => {}
-            }
+            return Ok(Some((log_time, message.map_err(|cause| RecordError::Lacks { file: file(), cause })?)));
+        }
+        Ok(None)
+    }
+}
+
+impl Content {
+    /// Place among the messages of one tick: `retarget` takes a skeleton and makes a target, `control` takes both inputs.
+    fn rank(&self) -> u32 {
+        match self {
+            Self::Skeleton(_) => 0,
+            Self::Target(_) => 1,
+            Self::Inputs(_) => 2,
+            Self::Command(_) => 3,
+            Self::Status(_) => 4,
+            Self::State(_) => 5,
+            Self::Other { .. } => 6,
         }
     }
 }

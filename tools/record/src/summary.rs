@@ -80,6 +80,11 @@ impl Summary {
         }
     }
 
+    /// Returns the reason if the file is damaged or truncated.
+    pub fn broken_off(&self) -> Option<&str> {
+        self.broken_off.as_deref()
+    }
+
     pub fn duration_s(&self) -> f64 {
         self.span_ns.map_or(0.0, |(begin, end)| (end - begin) as f64 * 1e-9)
     }

@@ -14,7 +14,19 @@ use world::{Links, Running, World, WorldConfig};
 /// Rewrites the recording. `change` alters its messages and returns true if they stay. `lost` is the number of
 /// samples that its writer lost.
 fn rewritten(from: &Path, to: &Path, lost: u64, change: impl Fn(&mut Content) -> bool) {
-    let (all, recorded) = contents(from);
+    rearranged(from, to, lost, change, |_| ());
+}
+
+/// Does the same with its messages in another order.
+fn rearranged(
+    from: &Path,
+    to: &Path,
+    lost: u64,
+    change: impl Fn(&mut Content) -> bool,
+    order: impl Fn(&mut Vec<(u64, Content)>),
+) {
+    let (mut all, recorded) = contents(from);
+    order(&mut all);
     let file = std::fs::File::create(to).unwrap();
     let mut copy = Recording::begin(file, recorded.about(), &[]).unwrap();
     for (log_time, mut content) in all {
@@ -33,6 +45,37 @@ fn rewritten(from: &Path, to: &Path, lost: u64, change: impl Fn(&mut Content) ->
         copy.add(&Entry { topic, sequence: 0, log_time, data }).unwrap();
     }
     copy.finish(&BTreeMap::from([("samples_lost".to_owned(), lost.to_string())])).unwrap();
+}
+
+#[test]
+fn recording_in_another_order_is_compared_and_summarised_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, loaded) = (folder.path().join("run.mcap"), loaded());
+    recorded_offline(&path, &loaded);
+    let (names, same) = (robot::Names::from_model(&loaded.model), folder.path().join("same.mcap"));
+    rewritten(&path, &same, 0, |_| true);
+    let expected = record::Summary::read(&same, &names).expect("a summary").text();
+    let topic = |content: &Content| std::mem::discriminant(content);
+    let by_topic = |all: &mut Vec<(u64, Content)>| {
+        let mut topics: Vec<_> = Vec::new();
+        all.iter().for_each(|(_, content)| {
+            if !topics.contains(&topic(content)) {
+                topics.push(topic(content))
+            }
+        });
+        all.sort_by_key(|(_, content)| std::cmp::Reverse(topics.iter().position(|known| *known == topic(content))));
+    };
+    let later_first = |all: &mut Vec<(u64, Content)>| {
+        let middle = all.len() / 2;
+        all.rotate_left(middle);
+    };
+    for (name, order) in [("topics", &by_topic as &dyn Fn(&mut Vec<(u64, Content)>)), ("halves", &later_first)] {
+        let other = folder.path().join(name);
+        rearranged(&path, &other, 0, |_| true, order);
+        let found = record::compare(&other, &loaded).expect("a comparison");
+        assert!(found.equal(), "{name}: {found:?}");
+        assert_eq!(record::Summary::read(&other, &names).expect("a summary").text(), expected, "{name}");
+    }
 }
 
 #[test]
