@@ -275,7 +275,7 @@ fn invalid_recording_is_refused_with_its_reason() {
     let file = std::fs::File::create(&path).unwrap();
     Recording::begin(file, &BTreeMap::new(), &[]).unwrap().finish(&BTreeMap::new()).unwrap();
     let error = motion::load(&path).unwrap_err().to_string();
-    assert!(error.contains("holds 0 skeletons of the layout teleop.Skeleton.v3"), "{error}");
+    assert!(error.contains("holds 0 skeletons of the schema teleop.Skeleton.v3"), "{error}");
     let error = record::compare(&path, &loaded()).unwrap_err().to_string();
     assert!(error.contains("recorded with the settings none"), "{error}");
 }
