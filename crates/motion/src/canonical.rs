@@ -19,7 +19,7 @@ const LEG_AND_SPINE_OF_STATURE: f64 = 0.88;
 const UP_SAMPLES: usize = 200;
 /// Time at the start of a clip that shows how the person stands, s. Later they may lie down.
 const STANDS_S: f64 = 1.0;
-/// Least cosine between the trunk of a rest pose and the way from its ankles to its head: 30 degrees.
+/// Least cosine between the trunk of a rest pose and the vector from its ankles to its head: 30 degrees.
 const ALONG: f64 = 0.87;
 /// Least height over the floor of a lying person's pelvis, and largest height of any part, as shares of the stature. Assumptions.
 const LIES: [f64; 2] = [0.03, 0.35];
@@ -159,14 +159,20 @@ fn guess_up(
 ) -> (Vector3<f64>, &'static str, Option<String>) {
     let rest = rest.filter(|rest| stands(rest)).zip(frames.first());
     let by_rest = rest.and_then(|(rest, first)| {
-        let axis = main_axis(upward(rest));
-        let turned = main_axis(first[Smpl::Pelvis as usize].rotation * upward(rest));
-        axis.filter(|axis| turned == Some(*axis) || main_axis(legs(first)) == Some(*axis) || lies_on_floor(first, axis))
-            .or(turned)
+        let axis = main_axis(above_ankles(rest, Smpl::Head));
+        let turned = main_axis(first[Smpl::Pelvis as usize].rotation * above_ankles(rest, Smpl::Head));
+        axis.filter(|axis| {
+            turned == Some(*axis)
+                || main_axis(above_ankles(first, Smpl::Pelvis)) == Some(*axis)
+                || lies_on_floor(first, axis)
+        })
+        .or(turned)
     });
     let mean = |frames: &[RigFrame]| {
         let step = frames.len().div_ceil(UP_SAMPLES).max(1);
-        main_axis(frames.iter().step_by(step).filter_map(|frame| upward(frame).try_normalize(1e-9)).sum())
+        main_axis(
+            frames.iter().step_by(step).filter_map(|frame| above_ankles(frame, Smpl::Head).try_normalize(1e-9)).sum(),
+        )
     };
     let start = &frames[..frames.len().min((STANDS_S * rate_hz).ceil().max(2.0) as usize)];
     let found = by_rest.or_else(|| mean(start)).or_else(|| mean(frames));
@@ -182,30 +188,24 @@ fn guess_up(
     }
 }
 
-/// The way from the ankles to the head.
-fn upward(frame: &RigFrame) -> Vector3<f64> {
+/// The vector from the middle of the ankles to a joint.
+fn above_ankles(frame: &RigFrame, joint: Smpl) -> Vector3<f64> {
     let at = |joint: Smpl| frame[joint as usize].position;
-    at(Smpl::Head) - (at(Smpl::LeftAnkle) + at(Smpl::RightAnkle)) / 2.0
-}
-
-/// The way from the ankles to the pelvis.
-fn legs(frame: &RigFrame) -> Vector3<f64> {
-    let at = |joint: Smpl| frame[joint as usize].position;
-    at(Smpl::Pelvis) - (at(Smpl::LeftAnkle) + at(Smpl::RightAnkle)) / 2.0
+    at(joint) - (at(Smpl::LeftAnkle) + at(Smpl::RightAnkle)) / 2.0
 }
 
 /// The axis nearest to a direction, within 45 degrees. `None` if none is near, or there is no direction.
-fn main_axis(way: Vector3<f64>) -> Option<Vector3<f64>> {
-    let axis = way.iamax();
-    let near = way.norm() > 0.0 && way[axis].abs() >= 0.7 * way.norm();
-    near.then(|| Vector3::ith(axis, way[axis].signum()))
+fn main_axis(direction: Vector3<f64>) -> Option<Vector3<f64>> {
+    let axis = direction.iamax();
+    let is_within = direction.norm() > 0.0 && direction[axis].abs() >= 0.7 * direction.norm();
+    is_within.then(|| Vector3::ith(axis, direction[axis].signum()))
 }
 
 /// Returns true if legs and trunk are one line, and the hips have a breadth. Rigs whose bones all lie along one axis have none.
 fn stands(rest: &RigFrame) -> bool {
     let at = |joint: Smpl| rest[joint as usize].position;
-    let unit = |way: Vector3<f64>| way.try_normalize(1e-9).unwrap_or_default();
-    let (trunk, whole) = (unit(at(Smpl::Head) - at(Smpl::Pelvis)), upward(rest));
+    let unit = |vector: Vector3<f64>| vector.try_normalize(1e-9).unwrap_or_default();
+    let (trunk, whole) = (unit(at(Smpl::Head) - at(Smpl::Pelvis)), above_ankles(rest, Smpl::Head));
     let across = at(Smpl::LeftHip) - at(Smpl::RightHip);
     trunk.dot(&unit(whole)) > ALONG && across.norm() > 0.05 * whole.norm() && unit(across).dot(&trunk).abs() < 0.5
 }

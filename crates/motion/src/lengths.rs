@@ -50,11 +50,11 @@ pub(crate) fn even(frames: &mut [Frame]) -> Option<String> {
     for frame in frames {
         let old = *frame;
         for joint in 1..SMPL_JOINTS {
-            let way = bone(&old, joint);
+            let measured = bone(&old, joint);
             // A bone without length has no direction to keep.
-            let evened = medians[joint].and_then(|median| Some(way.try_normalize(1e-6)? * median));
-            let way = evened.unwrap_or(way);
-            frame.positions[joint] = (Vector3::from(frame.positions[SMPL_PARENT[joint]]) + way).into();
+            let scaled = medians[joint].and_then(|median| Some(measured.try_normalize(1e-6)? * median));
+            let parent = Vector3::from(frame.positions[SMPL_PARENT[joint]]);
+            frame.positions[joint] = (parent + scaled.unwrap_or(measured)).into();
         }
     }
     let name = SMPL_NAMES[joint];

@@ -33,7 +33,7 @@ pub(crate) fn upsampled_count(frames: usize, rate_hz: f64) -> usize {
     if rate_hz >= RATE_MIN_HZ || frames < 2 { frames } else { resampled_count(frames, rate_hz, RATE_UPSAMPLED_HZ) }
 }
 
-/// Asks for the rate if the fastest wrist of the motion is that of nobody.
+/// Returns a question about the rate if the fastest wrist is slower or faster than a person's.
 pub(crate) fn doubt_of_rate(motion: &Motion) -> Option<String> {
     let wrists = [Smpl::LeftWrist, Smpl::RightWrist];
     let at = |frame: &Frame, joint: Smpl| {

@@ -28,7 +28,7 @@ pub enum Refused {
     #[error("from another protocol")]
     Protocol,
     /// A message of VMC about this bone.
-    #[error("with a value of bone {0} that is no number")]
+    #[error("with a value for the bone {0} that is not a number")]
     Bone(&'static str),
     #[error("of a length that differs from its header")]
     Length,

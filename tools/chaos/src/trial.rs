@@ -108,8 +108,8 @@ fn robot_stands(monitor: &Monitor) -> bool {
     false
 }
 
-/// Waits until the driver reports rest at a tick after the fault was detected. Earlier rest does not count. A person
-/// who stands still lets an engaged robot rest, and commands from before the detection are still to be executed.
+/// Waits until the driver reports rest at a tick after the fault was detected. Earlier rest does not count: an engaged robot rests
+/// while its person stands still, and the driver still executes commands from before the detection.
 fn wait_rest(rig: &mut Rig, outcome: &mut Outcome, struck: u64) {
     let give_up = Instant::now() + REST_WITHIN;
     let mut noticed = None;

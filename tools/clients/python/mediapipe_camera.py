@@ -132,10 +132,10 @@ def images(camera, video, loop):
 
 def told(images_per_s, seen):
     """What the last second says to the user: whether somebody is seen, and whether the images are too few."""
-    who = "a person is seen" if seen > 0 else "nobody is seen"
+    finding = "the camera sees a person" if seen > 0 else "the camera sees no person"
     slow = images_per_s < RATE_MIN
     hint = f" (at least {RATE_MIN} are needed; --model lite is quicker)" if slow else ""
-    return (seen > 0, slow), f"{who}, {images_per_s:.0f} images a second{hint}"
+    return (seen > 0, slow), f"{finding}, {images_per_s:.0f} images a second{hint}"
 
 
 def follow(publisher, pictures, detect, mirrored=False, say=lambda text: None):

@@ -65,13 +65,12 @@ fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
 fn summary(cli: &Cli, file: &Path) -> Result<(), Failure> {
     // The names of the parts, and the limits in the picture, come from --config. Without it, indices replace the names.
     let loaded = config::load(&cli.config, cli.overrides()).map_err(Failure::with(Exit::Config));
+    let recorded = Recorded::open(file).map_err(Failure::with(Exit::NoInput))?;
     // The names of another robot would be wrong.
-    let loaded = loaded.and_then(|loaded| {
-        let recorded = Recorded::open(file).map_err(Failure::with(Exit::NoInput))?;
-        recorded.check_robot(&loaded.model).map(|()| loaded).map_err(Failure::with(Exit::NoInput))
-    });
+    let loaded = loaded
+        .and_then(|loaded| recorded.check_robot(&loaded.model).map(|()| loaded).map_err(Failure::with(Exit::NoInput)));
     let names = loaded.as_ref().map_or_else(|_| Names::default(), |loaded| Names::from_model(&loaded.model));
-    let summary = Summary::read(file, &names).map_err(Failure::with(Exit::NoInput))?;
+    let summary = Summary::read(recorded, &names).map_err(Failure::with(Exit::NoInput))?;
     out!("{}", summary.text().trim_end());
     if let (true, Some(why)) = (summary.counts.is_empty(), summary.broken_off()) {
         let text = format!("{}: is damaged or truncated before its first whole chunk ({why})", file.display());

@@ -9,7 +9,6 @@ use messages::Status;
 use robot::Names;
 use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::path::Path;
 
 /// Number of log sentences in the summary. The file has all of them under `/log`.
 const SENTENCES_MAX: usize = 200;
@@ -28,8 +27,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    pub fn read(path: &Path, names: &Names) -> Result<Self, RecordError> {
-        let mut recorded = Recorded::open(path)?;
+    pub fn read(mut recorded: Recorded, names: &Names) -> Result<Self, RecordError> {
         let mut summary = Self::default();
         let mut before: Option<(u64, Status)> = None;
         while let Some((at_ns, content)) = recorded.next_message()? {
