@@ -351,3 +351,19 @@ fn motion_that_becomes_too_long_fails_its_own_file() {
     let refused = |failure: &rt::Failure| failure.text.contains("at 60 Hz, at most 120000; give the true rate");
     assert_eq!(summary.failed.iter().filter(|(_, failure)| refused(failure)).count(), 2, "{summary:?}");
 }
+
+#[test]
+fn motion_with_too_many_rows_fails_its_own_file() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // A little more than an hour at 30 Hz, in which nobody moves.
+    let frames = 108_100;
+    let body: Vec<u8> = builtin().frames[0].positions.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+    let mut file = Vec::new();
+    motion::npy::write_npy_header(&mut file, "<f4", &[frames, 22, 3]).expect("a header");
+    file.extend(body.repeat(frames));
+    std::fs::write(folder.path().join("hour.npy"), file).expect("written");
+    let more = ["--up", "z", "--frame-rate", "30", "--rate", "15000"];
+    let summary = go(folder.path(), &folder.path().join("out"), &more);
+    let [(_, failure)] = summary.failed.as_slice() else { panic!("{summary:?}") };
+    assert!(failure.text.contains("rows at 15000 Hz, at most 54000000 are written"), "{}", failure.text);
+}
