@@ -11,10 +11,10 @@ use clap::Parser;
 use cli::{CalibrateArgs, Cli, Command, Hand};
 use explain::meaning;
 use messages::{FAULTS, Fault, Faults, Mode, Response, Status};
-use operator::{Client, OperatorError};
+use operator::{Client, OperatorError, StopPress};
 use robot::Names;
 use rt::{err, out};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -54,43 +54,50 @@ fn obey(client: &mut Client, run_dir: &Path, command: Command) -> Result<bool, O
         }
         Command::Reset => reset(client, run_dir),
         Command::Payload(args) => payload::send(client, run_dir, &args),
-        Command::Estop => {
-            client.estop();
-            stopped(client)
-        }
+        Command::Estop => estop(&run_dir.join("operator.sock")),
     }
 }
 
-fn stopped(client: &mut Client) -> Result<bool, OperatorError> {
-    until(client, "stopped", |status| mode(status) == Mode::Faulted)
-}
-
-/// Presses the emergency stop until the robot is Faulted. If a crowd of connections displaces this one, it presses
-/// again. An answer means that the press counts, even if no connection is left to observe the robot's mode.
+/// Presses the emergency stop until a status shows that the robot stopped. An answer means that the press counts, even if no
+/// connection is left to observe the robot's mode.
 fn estop(socket: &Path) -> Result<bool, OperatorError> {
     let give_up = Instant::now() + EFFECT_WITHIN;
-    let (mut heard, mut is_printed) = (false, false);
-    let mut press = || {
-        let mut client = Client::connect(socket)?;
-        client.estop();
-        client.heartbeat()?;
-        heard = true;
-        stopped(&mut client)
-    };
+    let (mut press, mut is_printed) = (StopPress::new(socket), false);
     loop {
-        match press() {
-            Err(error @ OperatorError::Closed { .. }) if Instant::now() < give_up => {
+        let is_late = Instant::now() > give_up;
+        match press.step() {
+            Ok(Some(status)) => {
+                out!("stopped: {}", mode(&status).name());
+                return Ok(true);
+            }
+            Ok(None) if is_late => {
+                out!("pressed, and answered, but not stopped within {} s", EFFECT_WITHIN.as_secs());
+                return Ok(false);
+            }
+            Ok(None) => {}
+            Err(error @ (OperatorError::Closed { .. } | OperatorError::Timeout { .. })) if !is_late => {
                 if !std::mem::replace(&mut is_printed, true) {
                     err!("teleopctl: {error}; still pressing");
                 }
-                std::thread::sleep(HEARTBEAT);
             }
-            Err(OperatorError::Closed { .. }) if heard => {
-                out!("pressed, and control received it; all connections are in use, so the mode cannot be shown here");
-                return Ok(true);
+            Err(OperatorError::Closed { path } | OperatorError::Timeout { path, .. }) => {
+                return unanswered(path, press.is_heard());
             }
-            ended => return ended,
+            Err(error) => return Err(error),
         }
+        std::thread::sleep(HEARTBEAT);
+    }
+}
+
+/// Says what a press came to whose connections all ended.
+fn unanswered(path: PathBuf, is_heard: bool) -> Result<bool, OperatorError> {
+    match path.parent().and_then(operator::linked_robot) {
+        Some(robot) => Err(OperatorError::Unanswered { path, robot, within_s: EFFECT_WITHIN.as_secs() }),
+        None if is_heard => {
+            out!("pressed, and control received it; all connections are in use, so the mode cannot be shown here");
+            Ok(true)
+        }
+        None => Err(OperatorError::Closed { path }),
     }
 }
 

@@ -47,7 +47,7 @@ pub fn run(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
             Err(OperatorError::Timeout { .. }) => shown.silent = true,
             // Another client displaced this connection. Connect again.
             Err(error) => match Client::connect(instance.operator_socket()) {
-                Ok(new) => *client = new,
+                Ok(new) => (*client, shown.silent) = (new, true),
                 Err(_) => break Err(error),
             },
         }

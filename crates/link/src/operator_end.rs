@@ -116,6 +116,10 @@ impl OperatorEnd {
         if !self.exchange.sent(&head.echo) {
             return Err(Refusal::Echo);
         }
+        // The robot's end counts them over all sessions, and never back.
+        if comes_after(u64::from(head.stops_heard), u64::from(self.stops_heard)) {
+            self.stops_heard = head.stops_heard;
+        }
         if head.session != self.session {
             // Only an answer to what was sent since the last change changes it again.
             if !comes_after(head.echo.sequence, self.asked) {
@@ -128,7 +132,7 @@ impl OperatorEnd {
             Ok(()) | Err(Refusal::Jump) => {}
             Err(refusal) => return Err(refusal),
         }
-        (self.heard, self.stops_heard) = (now, head.stops_heard);
+        self.heard = now;
         Ok(match payload {
             Payload::Answer(answer) => {
                 self.answer = Some((answer, now));
@@ -138,6 +142,11 @@ impl OperatorEnd {
             Payload::Feedback(feedback) => Down::Feedback(feedback),
             Payload::Operator(_) | Payload::Person(_) => return Err(Refusal::Kind),
         })
+    }
+
+    /// Returns the emergency stops of this end that `control` at the robot has.
+    pub fn stops_heard(&self) -> u32 {
+        self.stops_heard
     }
 
     /// Returns true while there is a session.

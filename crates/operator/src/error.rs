@@ -24,6 +24,11 @@ pub enum OperatorError {
          differ", path.display()
     )]
     BadReply { path: PathBuf, bytes: usize, expected: usize },
+    #[error(
+        "{}: pressed, and the link repeats it. Robot {robot} has not answered within {within_s} s, so it may not have stopped. \
+         Use the robot's own emergency stop", path.display()
+    )]
+    Unanswered { path: PathBuf, robot: String, within_s: u64 },
     #[error("cannot start the operator's thread: {cause}")]
     Thread { cause: String },
     #[error("{}: cannot {action}: {source}", path.display())]

@@ -20,6 +20,7 @@ mod edges;
 mod error;
 mod locks;
 mod merge;
+mod press;
 mod server;
 mod session;
 
@@ -30,6 +31,7 @@ pub use edges::OperatorEdges;
 pub use error::OperatorError;
 pub use locks::ResetRule;
 pub use merge::{CLIENTS_MAX, Connection, LEASE_NS, Merge, OperatorCounts};
+pub use press::StopPress;
 pub use safety::engage::OperatorView;
 pub use server::{AuditEvent, AuditRecord, Server};
 pub use session::OperatorSession;

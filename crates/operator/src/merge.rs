@@ -60,6 +60,16 @@ impl Connection {
     pub fn new(now: Stamp) -> Self {
         Self { last: messages::Layout::ZERO, heard: now }
     }
+
+    /// Returns true if the connection has sent nothing yet.
+    pub(crate) fn is_new(&self) -> bool {
+        self.last.sequence == 0
+    }
+
+    /// Returns true if the connection has pressed the emergency stop and holds nothing.
+    pub(crate) fn has_pressed_stop(&self) -> bool {
+        self.last.estop_count > 0 && self.last.enable_level == 0
+    }
 }
 
 /// The state of the merge.

@@ -105,6 +105,39 @@ impl Server {
         self.merge.counts
     }
 
+    /// Takes emergency stops alone, while nobody answers. Every connection ends, but for those that pressed it: they wait
+    /// for `reply`, which shows the stop.
+    pub fn poll_stops(&mut self, now: Stamp, reply: Option<&Status>) -> OperatorCounts {
+        self.merge.begin(now, self.lease_ns);
+        while let Some(index) = self.clients.iter().position(Option::is_none) {
+            match self.listener.accept() {
+                None => break,
+                Some(Admission::Forbidden(..)) => self.merge.counts.connections_refused += 1,
+                Some(Admission::Admitted(socket, peer)) => {
+                    self.clients[index] = Some((socket, peer, Connection::new(now)));
+                }
+            }
+        }
+        let reply = reply.map(|reply| codec::encode_status(&self.reply(reply)));
+        for index in 0..CLIENTS_MAX {
+            let waited = self.clients[index].as_ref().is_some_and(|(_, _, seat)| seat.has_pressed_stop());
+            let stays = self.serve(index, now, &[]);
+            // Nothing is held here, even if it was pressed.
+            self.merge.gone(index);
+            let Some((socket, _, seat)) = &self.clients[index] else { continue };
+            if let Some(reply) = reply.as_ref().filter(|_| waited) {
+                answer(socket, reply);
+            }
+            let is_new = seat.is_new() && now.since(seat.heard) < IDLE_NS;
+            let waits = seat.has_pressed_stop() && !(waited && reply.is_some());
+            if !stays || !(is_new || waits) {
+                self.clients[index] = None;
+            }
+        }
+        self.merge.counts.connections = self.connections();
+        self.merge.counts
+    }
+
     /// Returns the status completed with the data of the socket itself.
     fn reply(&self, status: &Status) -> Status {
         let OperatorCounts { reset_first_by, resets_refused, .. } = self.merge.counts;
@@ -171,7 +204,7 @@ impl Server {
             if codec::decode_request(&bytes[..length]).is_some_and(|request| self.merge.stop_alone(peer.uid, &request))
             {
                 self.record(AuditEvent::EmergencyStop, peer);
-                let _ = net::send(socket, &codec::encode_status(reply), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
+                answer(socket, &codec::encode_status(reply));
                 return;
             }
         }
@@ -262,8 +295,15 @@ impl Server {
             }
             // A client that does not read loses replies and nothing else. The end of a client shows once its
             // requests are read.
-            let _ = net::send(&*socket, reply, SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
+            answer(socket, reply);
         }
         true
+    }
+}
+
+/// Sends a reply, unless it is empty.
+fn answer(socket: &OwnedFd, reply: &[u8]) {
+    if !reply.is_empty() {
+        let _ = net::send(socket, reply, SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
     }
 }

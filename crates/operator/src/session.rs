@@ -38,8 +38,15 @@ pub struct OperatorSession {
 
 impl OperatorSession {
     /// Connects to the operator socket of an instance. Then sends heartbeats without the enable.
+    ///
+    /// # Errors
+    /// Returns an error if nothing answers. A late first reply is no error: `control` judges the silence.
     pub fn connect(socket: &Path) -> Result<Self, OperatorError> {
-        let client = Client::connect(socket)?;
+        let mut client = Client::connect(socket)?;
+        match client.heartbeat() {
+            Ok(_) | Err(OperatorError::Timeout { .. }) => {}
+            Err(error) => return Err(error),
+        }
         let (requests, received) = channel();
         let shared = Arc::new(Shared::default());
         let of_thread = Arc::clone(&shared);

@@ -3,7 +3,7 @@
 use crate::worker::Worker;
 use instance::Instance;
 use messages::{Mode, Status};
-use operator::{Client, OperatorError};
+use operator::{Client, OperatorError, StopPress};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
@@ -44,7 +44,7 @@ impl OperatorWorker {
     pub fn new(instance: &Instance) -> std::io::Result<Self> {
         let instance = instance.clone();
         Self::start("hand", |asked, answer| {
-            Grip { instance, client: None, held: None, clutch_until: None, reset: None, answer }.work(asked)
+            Grip { instance, client: None, held: None, clutch_until: None, reset: None, stop: None, answer }.work(asked)
         })
     }
 }
@@ -65,6 +65,8 @@ struct Grip {
     clutch_until: Option<Instant>,
     /// Answers of control since a reset was pressed. `None` once its outcome is known.
     reset: Option<u32>,
+    /// A press of the emergency stop that the robot has not answered yet, and whether the page was told why.
+    stop: Option<(StopPress, bool)>,
     answer: Sender<CommandOutcome>,
 }
 
@@ -116,6 +118,11 @@ impl Grip {
             self.clutch_until = self.clutch_until.map(|_| Instant::now() + HOLD_FOR);
             return;
         }
+        match ask {
+            OperatorCommand::Stop => self.stop = Some((StopPress::new(&self.instance.operator_socket()), false)),
+            OperatorCommand::Engage { .. } | OperatorCommand::Reset => self.stop = None,
+            _ => {}
+        }
         if self.client.is_none() {
             match Client::connect(self.instance.operator_socket()) {
                 Ok(client) => self.client = Some(client),
@@ -159,7 +166,22 @@ impl Grip {
         self.send_report(text);
     }
 
+    /// Presses the emergency stop until the robot has answered.
+    fn press_stop(&mut self) {
+        let Some((press, is_told)) = &mut self.stop else { return };
+        match press.step() {
+            Ok(None) => {}
+            Ok(Some(_)) => self.stop = None,
+            Err(error) => {
+                if !std::mem::replace(is_told, true) {
+                    self.send_report(format!("STOP is pressed until the robot answers. It has not yet: {error}"));
+                }
+            }
+        }
+    }
+
     fn beat(&mut self) {
+        self.press_stop();
         let Some(client) = &mut self.client else { return };
         match client.heartbeat() {
             Ok(status) => {

@@ -9,7 +9,7 @@ mod trust;
 use bridge::link::{Keys, Wire, config, key};
 use doors::{LeaseState, Reply};
 use harness::{Pace, holds_for, wait_until, within};
-use messages::{Feedback, Header, Layout, Message, RawSkeleton, Stamp, Status};
+use messages::{Fault, Faults, Feedback, Header, Layout, Message, Mode, RawSkeleton, Stamp, Status};
 use operator::{OperatorCounts, OperatorSession};
 use std::io::{BufRead, BufReader};
 use std::net::UdpSocket;
@@ -27,11 +27,19 @@ const SOON: Duration = Duration::from_secs(20);
 #[derive(Default)]
 struct Seen {
     counts: OperatorCounts,
+    /// Emergency stops that were reset.
+    stops_reset: u64,
     persons: u64,
     /// Another client leads the robot.
     led_by_other: bool,
     /// The greatest age of a person when the robot's end accepted it, us: true, as all clients are on this machine.
     oldest_us: u32,
+}
+
+impl Seen {
+    fn is_stopped(&self) -> bool {
+        self.counts.estop_edges > self.stops_reset
+    }
 }
 
 /// A person who is seen now. The robot's end writes its own origin, so the number of the person has the true one.
@@ -67,9 +75,10 @@ impl Daemon {
                 k += 1;
                 let now = rt::now();
                 let header = Header { sequence: k / 20, stamp: now, ..Header::ZERO };
-                let counts = control.poll(now, &Status { header, mode: 3, ..Status::ZERO });
                 let mut seen = of_thread.lock().expect("whole");
-                seen.counts = counts;
+                let latched = Faults::NONE.with(Fault::EmergencyStop).0;
+                let (mode, latched) = if seen.is_stopped() { (Mode::Faulted, latched) } else { (Mode::Holding, 0) };
+                seen.counts = control.poll(now, &Status { header, mode: mode as u32, latched, ..Status::ZERO });
                 ingest.poll(now, false, |_, frame| {
                     seen.persons += 1;
                     seen.oldest_us = seen.oldest_us.max(low_us(frame.header.stamp).wrapping_sub(frame.operator_id));
@@ -216,8 +225,12 @@ fn opened(settings: &serde_json::Value) -> Wire {
 /// Connects an operator's client once the socket is there.
 fn connect(folder: &Path) -> OperatorSession {
     let socket = folder.join("operator.sock");
-    wait_until("the operator socket is there", || operator::Client::connect(&socket).is_ok());
-    OperatorSession::connect(&socket).expect("it answers")
+    let mut session = None;
+    wait_until("the robot answers", || {
+        session = OperatorSession::connect(&socket).ok();
+        session.is_some()
+    });
+    session.expect("it answers")
 }
 
 /// A client that publishes a person at 50 Hz, and counts feedback.
@@ -291,7 +304,8 @@ fn f130_stranger_and_operator_under_another_name_get_nothing() {
     for end in &ends[..2] {
         end.wait_line("no answer");
     }
-    let is_admitted = || folders[..2].iter().any(|folder| folder.path().join("operator.sock").exists());
+    let is_admitted =
+        || folders[..2].iter().any(|folder| OperatorSession::connect(&folder.path().join("operator.sock")).is_ok());
     assert!(!within(Duration::from_secs(2), is_admitted));
     let lines = world.robot.lines.lock().expect("whole").join("\n");
     assert!(lines.contains("bert: ready") && !lines.contains("anna:") && !lines.contains("second program"), "{lines}");

@@ -23,12 +23,6 @@ impl Heartbeat {
         Self { request, seen: OperatorCounts::default(), waiting: [None; 2], beats: PAYLOAD_BEATS }
     }
 
-    /// Handles a new operator socket, whose counts begin at zero. Nobody holds anything.
-    pub(super) fn restart(&mut self) {
-        self.seen = OperatorCounts::default();
-        self.withdraw();
-    }
-
     /// Releases, whatever the clients hold.
     pub(super) fn withdraw(&mut self) {
         self.request.enable_level = 0;
@@ -91,7 +85,7 @@ mod tests {
     use operator::OperatorView;
 
     #[test]
-    fn counters_go_on_over_a_new_socket_and_nothing_is_held_then() {
+    fn presses_count_once_and_withdrawal_is_a_release() {
         let mut heartbeat = Heartbeat::new();
         let counts = OperatorCounts {
             held: OperatorView { enable_level: true, ..Default::default() },
@@ -101,12 +95,12 @@ mod tests {
         };
         assert!(heartbeat.update(&counts) && !heartbeat.update(&counts));
         assert_eq!((heartbeat.request.enable_level, heartbeat.request.enable_count), (HOLDS_ENABLE, 1));
-        heartbeat.restart();
+        heartbeat.withdraw();
         assert_eq!((heartbeat.request.enable_level, heartbeat.request.release_count), (0, 1));
         let counts = OperatorCounts {
             held: OperatorView { recover_level: true, ..Default::default() },
             recover_edges: 1,
-            ..Default::default()
+            ..counts
         };
         assert!(heartbeat.update(&counts));
         let request = heartbeat.request;

@@ -8,7 +8,7 @@ use crate::cli::LinkOperator;
 use doors::{CONNECTIONS_MAX, FrameSource, LeaseState, draw_nonce};
 use instance::Instance;
 use link::{Down, FRAME_BYTES_MAX, OperatorEnd, Unsendable};
-use messages::{Layout, RawSkeleton, Stamp, Status};
+use messages::{Fault, Faults, Layout, Mode, RawSkeleton, Stamp, Status};
 use rt::{Exit, Failure, Shutdown, out};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::path::PathBuf;
@@ -16,6 +16,12 @@ use std::sync::Arc;
 
 /// Time between two heartbeats, ns: 50 Hz, as every client of the operator socket sends.
 const BEAT_NS: u64 = 20_000_000;
+/// Time between two requests on each connection that is for the emergency stop alone, ns, at rest and while a stop has no answer.
+/// On a bad wire QUIC lets two full packets be under way, which are a dozen requests, and doubles its wait with each loss. So
+/// few are sent that the next one need not wait.
+const STOP_EVERY_NS: [u64; 2] = [500_000_000, 80_000_000];
+/// Connections for the emergency stop. One that waits for QUIC seldom waits at the same time as the other.
+const STOP_WIRES: usize = 2;
 /// Longest wait, ns. Clients of the operator socket are served after it.
 const WAIT_NS: i64 = 2_000_000;
 /// Silence after which another client may take the person's place, ns. `ingest` keeps a silent client's lease as long.
@@ -30,10 +36,13 @@ struct Operator {
     due: Stamp,
     up: [Publisher; 2],
     answers: Arc<Slot>,
+    stop_wires: Vec<StopWire>,
+    /// Time of the last request on these.
+    stop_sent: Stamp,
     persons: doors::Server,
-    socket: PathBuf,
-    /// There while the robot answers. Otherwise a client would hold what the robot does not hear.
-    operators: Option<operator::Server>,
+    operators: operator::Server,
+    /// True while the robot answers. Otherwise a client would hold what the robot does not hear.
+    is_open: bool,
     status: Option<(Status, Stamp)>,
     /// Session of the local client whose person goes up, and the time of its last frame.
     holder: (u64, Stamp),
@@ -41,6 +50,21 @@ struct Operator {
     robot: Name,
     report: Report,
     started: Stamp,
+}
+
+/// A connection that is for the emergency stop alone.
+struct StopWire {
+    requests: Publisher,
+    answers: Arc<Slot>,
+    _wire: Wire,
+}
+
+impl StopWire {
+    fn new(wire: Wire, robot: &Name, operator: &Name) -> Result<Self, Failure> {
+        let requests = wire.publisher(key(robot, "stop", operator))?;
+        let answers = wire.receive(key(robot, "stopped", operator), |_| false)?;
+        Ok(Self { requests, answers, _wire: wire })
+    }
 }
 
 pub fn run(args: &LinkOperator) -> Result<(), Failure> {
@@ -58,7 +82,13 @@ pub fn run(args: &LinkOperator) -> Result<(), Failure> {
     instance::write_anew(&marker.0, keys.robot.as_str().as_bytes()).map_err(unusable)?;
     let mut report = Report::default();
     let waits = || report.print(rt::now(), &format!("{}: {NO_ANSWER}", keys.robot), String::new);
-    let Some(wire) = Wire::open(&config(&keys, &[], &addresses), &shutdown, waits)? else { return Ok(()) };
+    let settings = config(&keys, &[], &addresses);
+    let Some(wire) = Wire::open(&settings, &shutdown, waits)? else { return Ok(()) };
+    let mut stop_wires = Vec::new();
+    for _ in 0..STOP_WIRES {
+        let Some(wire) = Wire::open(&settings, &shutdown, || ())? else { return Ok(()) };
+        stop_wires.push(StopWire::new(wire, &keys.robot, name)?);
+    }
     let publisher = |what: &str| wire.publisher(key(&keys.robot, what, name));
     let mut operator = Operator {
         end: OperatorEnd::new(draw_nonce()),
@@ -66,9 +96,11 @@ pub fn run(args: &LinkOperator) -> Result<(), Failure> {
         due: Stamp::NONE,
         up: [publisher("operator")?, publisher("person")?],
         answers: wire.receive(key(&keys.robot, "answer", name), |_| false)?,
+        stop_wires,
+        stop_sent: Stamp::NONE,
         persons,
-        socket: instance.operator_socket(),
-        operators: None,
+        operators: operator::Server::bind(instance.operator_socket())?,
+        is_open: false,
         status: None,
         holder: (0, Stamp::NONE),
         unsendable: None,
@@ -79,7 +111,7 @@ pub fn run(args: &LinkOperator) -> Result<(), Failure> {
     while !shutdown.requested() {
         operator.wait(&wire);
         wire.calm();
-        operator.round(rt::now())?;
+        operator.round(rt::now());
     }
     operator.leave(rt::now());
     Ok(())
@@ -106,9 +138,13 @@ impl Operator {
         let _ = poll(&mut all, Some(&Timespec { tv_sec: 0, tv_nsec: WAIT_NS }));
     }
 
-    fn round(&mut self, now: Stamp) -> Result<(), Failure> {
+    fn round(&mut self, now: Stamp) {
         self.send_persons(now);
-        while let Some(bytes) = self.answers.take() {
+        let newest = |operator: &Self| {
+            let stopped = operator.stop_wires.iter().find_map(|wire| wire.answers.take());
+            stopped.or_else(|| operator.answers.take())
+        };
+        while let Some(bytes) = newest(self) {
             // An answer may arrive after this round began. A time before its arrival would look like a jump of the clock.
             let now = rt::now();
             match self.end.receive(&bytes, now) {
@@ -119,12 +155,11 @@ impl Operator {
         }
         // The next frame echoes these answers. Its time may not be before theirs.
         let now = rt::now();
-        let pressed = self.serve(now)?;
+        let pressed = self.serve(now);
         if pressed || now >= self.due {
             self.beat(now);
         }
         self.print_state(now);
-        Ok(())
     }
 
     /// Sends the persons that have arrived, of one client at a time.
@@ -158,33 +193,35 @@ impl Operator {
     }
 
     /// Serves the clients of the operator socket. Returns true if something must go up at once.
-    fn serve(&mut self, now: Stamp) -> Result<bool, Failure> {
+    fn serve(&mut self, now: Stamp) -> bool {
         let status = self.status.filter(|(_, at)| now.since(*at) <= super::STATUS_GONE_NS && self.end.is_linked(now));
-        let Some((status, _)) = status else {
-            return Ok(self.close(now));
-        };
-        if self.operators.is_none() {
-            self.operators = Some(operator::Server::bind(&self.socket)?);
-        }
-        let counts = self.operators.as_mut().map(|operators| operators.poll(now, &status));
-        Ok(counts.is_some_and(|counts| self.heartbeat.update(&counts)))
+        let Some((status, _)) = status else { return self.close(now) };
+        self.is_open = true;
+        let counts = self.operators.poll(now, &status);
+        self.heartbeat.update(&counts)
     }
 
-    /// Closes the operator socket: clients see the end of their connection, and have to press again. Returns false if it
-    /// was closed. An emergency stop that waits in it still counts.
+    /// Ends all connections of the operator socket: clients have to press again. Emergency stops still count, and go up
+    /// until the robot has heard them. Returns true if something must go up at once.
     fn close(&mut self, now: Stamp) -> bool {
-        let Some(mut operators) = self.operators.take() else { return false };
-        let status = self.status.map_or(Status::ZERO, |(status, _)| status);
-        self.heartbeat.update(&operators.poll(now, &status));
-        self.heartbeat.restart();
-        true
+        // All that is known is that `control` has the stop.
+        let latched = Faults::NONE.with(Fault::EmergencyStop).0;
+        let stopped = Status { mode: Mode::Faulted as u32, latched, ..Status::ZERO };
+        let stops = self.end.stops_heard();
+        let has_stopped = stops != 0 && stops == self.heartbeat.request.estop_count;
+        let counts = self.operators.poll_stops(now, has_stopped.then_some(&stopped));
+        let pressed = self.heartbeat.update(&counts);
+        let was_open = std::mem::take(&mut self.is_open);
+        if was_open {
+            self.heartbeat.withdraw();
+        }
+        pressed || was_open
     }
 
     /// Releases, and tells it once.
     fn leave(&mut self, now: Stamp) {
-        if !self.close(now) {
-            self.heartbeat.withdraw();
-        }
+        self.close(now);
+        self.heartbeat.withdraw();
         self.beat(now);
     }
 
@@ -192,6 +229,12 @@ impl Operator {
         self.heartbeat.beat();
         self.due = now.plus_ns(BEAT_NS);
         let mut bytes = [0; FRAME_BYTES_MAX];
+        let stop_waits = self.end.stops_heard() != self.heartbeat.request.estop_count;
+        if now.since(self.stop_sent) >= STOP_EVERY_NS[usize::from(stop_waits)] {
+            self.stop_sent = now;
+            let length = self.end.heartbeat(&self.heartbeat.request, now, &mut bytes);
+            self.stop_wires.iter().for_each(|wire| send(&wire.requests, &bytes[..length]));
+        }
         let length = self.end.heartbeat(&self.heartbeat.request, now, &mut bytes);
         send(&self.up[0], &bytes[..length]);
     }

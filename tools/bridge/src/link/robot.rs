@@ -34,11 +34,15 @@ const STATUS_HEAD_BYTES: usize = 8;
 
 struct Operator {
     name: Name,
-    slots: [Arc<Slot>; 2],
+    slots: [Arc<Slot>; 3],
     answers: Publisher,
+    /// Answers on the connection that is for the emergency stop alone.
+    stop_answers: Publisher,
     person: Person,
     control: Option<Client>,
     answered: Stamp,
+    /// A request came on that connection. Each gets an answer.
+    stop_asked: bool,
     /// Time of the last request, and whether it held something.
     asked: Stamp,
     holds: bool,
@@ -136,13 +140,16 @@ impl Operator {
         Ok(Self {
             // The order of use: an emergency stop comes before a person.
             slots: [
+                wire.receive(key(robot, "stop", &name), |_| false)?,
                 wire.receive(key(robot, "operator", &name), |_| false)?,
                 wire.receive(key(robot, "person", &name), receive_now)?,
             ],
             answers: wire.publisher(key(robot, "answer", &name))?,
+            stop_answers: wire.publisher(key(robot, "stopped", &name))?,
             person: Person::new(&instance.skeleton_socket()),
             control: None,
             answered: Stamp::NONE,
+            stop_asked: false,
             asked: Stamp::NONE,
             holds: false,
             report: Report::default(),
@@ -164,10 +171,11 @@ impl Operator {
 impl Robot {
     fn round(&mut self) {
         for at in 0..self.operators.len() {
-            for slot in 0..2 {
+            for slot in 0..self.operators[at].slots.len() {
                 // No more than fit into the slot, so that no operator keeps the others waiting.
                 for _ in 0..KINDS {
                     let Some(bytes) = self.operators[at].slots[slot].take() else { break };
+                    self.operators[at].stop_asked |= slot == 0;
                     self.receive(at, &bytes);
                 }
             }
@@ -273,6 +281,11 @@ impl Robot {
         }
         if let Some(led) = self.end.led_by_other.get_mut(at) {
             *led = operator.person.is_led_by_other();
+        }
+        if std::mem::take(&mut operator.stop_asked)
+            && let Some(length) = self.end.answer(at, now, &mut out)
+        {
+            send(&operator.stop_answers, &out[..length]);
         }
         if now.since(operator.answered) >= ANSWER_EVERY_NS
             && let Some(length) = self.end.answer(at, now, &mut out)

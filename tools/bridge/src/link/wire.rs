@@ -10,8 +10,9 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::sync::{Arc, Mutex, PoisonError};
 use zenoh::Wait;
 
-/// Silence after which a connection is given up, ms. The sessions of `link` end sooner.
-const LEASE_MS: u32 = 500;
+/// Silence after which a connection is given up, ms. The sessions of `link` end sooner. A wire that loses half of its datagrams
+/// is silent for a second and more, and a new connection takes ten there: QUIC doubles its wait with each loss.
+const LEASE_MS: u32 = 5000;
 /// Longest message that is put together from fragments, bytes: many times the longest frame.
 const MESSAGE_BYTES_MAX: u32 = 65_536;
 /// Time after which the program looks for a signal while it connects, ms.
@@ -94,8 +95,8 @@ fn access(keys: &Keys, is_router: bool) -> Value {
     };
     if let Some(own) = &keys.operator {
         // The other end is the robot, or a router.
-        let up = [key(robot, "person", own), key(robot, "operator", own)];
-        let down = [key(robot, "answer", own), status.clone()];
+        let up = [key(robot, "person", own), key(robot, "operator", own), key(robot, "stop", own)];
+        let down = [key(robot, "answer", own), key(robot, "stopped", own), status.clone()];
         let of_robot = vec![
             rule("put-up", &["put"], "egress", &up),
             rule("want-up", &["declare_subscriber"], "ingress", &up),
@@ -107,8 +108,8 @@ fn access(keys: &Keys, is_router: bool) -> Value {
         admit(json!({ "id": "robot", "cert_common_names": names }), of_robot);
     }
     for (name, common_name) in &keys.operators {
-        let up = [key(robot, "person", name), key(robot, "operator", name)];
-        let answer = [key(robot, "answer", name)];
+        let up = [key(robot, "person", name), key(robot, "operator", name), key(robot, "stop", name)];
+        let answer = [key(robot, "answer", name), key(robot, "stopped", name)];
         let of_operator = vec![
             rule(&format!("operator-{name}-put-up"), &["put"], "ingress", &up),
             rule(&format!("operator-{name}-want-up"), &["declare_subscriber"], "egress", &up),
@@ -122,7 +123,8 @@ fn access(keys: &Keys, is_router: bool) -> Value {
     }
     if is_router {
         let all = |what: &str| keys.operators.iter().map(|(name, _)| key(robot, what, name)).collect::<Vec<_>>();
-        let (up, down) = ([all("person"), all("operator")].concat(), [all("answer"), vec![status.clone()]].concat());
+        let up = [all("person"), all("operator"), all("stop")].concat();
+        let down = [all("answer"), all("stopped"), vec![status.clone()]].concat();
         let of_robot = vec![
             rule("robot-put-down", &["put"], "ingress", &down),
             rule("robot-want-down", &["declare_subscriber"], "egress", &down),

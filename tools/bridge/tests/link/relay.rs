@@ -1,6 +1,7 @@
 //! Both ends with a UDP relay between them that delays, reorders, loses and breaks the wire, from a seed.
 
 use super::*;
+use operator::StopPress;
 use std::net::SocketAddr;
 
 /// Faults of the wire, the same in both ways.
@@ -121,7 +122,7 @@ fn f125_bad_wire_follows_and_partition_of_five_seconds_is_a_release_that_heals_u
     wait_until("released", || !world.daemon.is_held());
     let edges = world.daemon.counts().enable_edges;
     assert!(holds_for(Duration::from_secs(5), || world.daemon.is_released(edges)), "by itself");
-    assert!(!folder.path().join("operator.sock").exists() || before.is_cut_off(), "clients see that the link is cut");
+    assert!(before.is_cut_off(), "clients see that the link is cut");
     let persons = world.daemon.persons();
     relay.set(faults);
     // The connection is made again without anybody's help. The enable is not.
@@ -146,7 +147,7 @@ fn f127_long_way_engages_nothing_until_it_is_short() {
         let socket = folder.path().join("operator.sock");
         let is_engaged = || {
             // Over such a distance the socket comes and goes.
-            let hand = operator::Client::connect(&socket).ok().and(OperatorSession::connect(&socket).ok());
+            let hand = OperatorSession::connect(&socket).ok();
             hand.is_some_and(|hand| {
                 hand.enable();
                 within(Duration::from_millis(200), || world.daemon.counts().enable_edges > 0)
@@ -157,5 +158,45 @@ fn f127_long_way_engages_nothing_until_it_is_short() {
         relay.set(Faults { delay_ms: 2, ..Faults::default() });
         world.robot.wait_line("anna: ready");
         engage(&world, folder.path());
+    }
+}
+
+/// Presses the emergency stop until it shows. Returns the times until the robot latched it and until it showed, ms.
+fn stop(world: &World, folder: &Path) -> [u128; 2] {
+    let (mut press, begun, mut latched) = (StopPress::new(&folder.join("operator.sock")), Instant::now(), None);
+    let mut pace = Pace::new(Duration::from_millis(20));
+    loop {
+        let shown = press.step().is_ok_and(|status| status.is_some());
+        let mut seen = world.daemon.seen.lock().expect("whole");
+        latched = latched.or(seen.is_stopped().then(|| begun.elapsed().as_millis()));
+        if let (true, Some(latched)) = (shown, latched) {
+            seen.stops_reset = seen.counts.estop_edges;
+            return [latched, begun.elapsed().as_millis()];
+        }
+        drop(seen);
+        assert!(begun.elapsed() < SOON, "latched after {latched:?} ms, not shown");
+        pace.wait();
+    }
+}
+
+#[test]
+fn emergency_stop_is_repeated_until_the_robot_answers() {
+    let mut world = World::new(&["anna"]);
+    let half = Faults { delay_ms: 5, jitter_ms: 5, loss_percent: 50, is_cut: false };
+    let relay = Relay::start(&world.address, Faults { loss_percent: 0, ..half });
+    world.address.clone_from(&relay.address);
+    let folder = tempfile::tempdir().expect("a folder");
+    let end = world.operator(&world.bundle("anna"), folder.path());
+    end.wait_line("clients find the robot");
+    // The first one is pressed before there is a session.
+    println!("without a session, latched and answered after {:?} ms", stop(&world, folder.path()));
+    relay.set(half);
+    let count = std::env::var("TELEOPD_STOPS").map_or(5, |count| count.parse().expect("a count"));
+    for _ in 0..count {
+        println!("half of the datagrams lost, latched and answered after {:?} ms", stop(&world, folder.path()));
+        wait_until("the status that showed it is gone", || {
+            let client = operator::Client::connect(folder.path().join("operator.sock"));
+            !client.and_then(|mut client| client.heartbeat()).is_ok_and(|status| status.latched != 0)
+        });
     }
 }

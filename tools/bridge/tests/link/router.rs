@@ -41,7 +41,7 @@ fn router_carries_what_the_robot_admits_and_its_end_is_a_release() {
     let _hand = engage(&world, folders[0].path());
     follows(&world, "persons come", 50);
     bob.wait_line("no answer");
-    assert!(!folders[1].path().join("operator.sock").exists());
+    assert!(OperatorSession::connect(&folders[1].path().join("operator.sock")).is_err());
 
     drop(router);
     wait_until("released", || !world.daemon.is_held());
