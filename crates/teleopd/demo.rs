@@ -73,6 +73,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
 
     operator.release();
     operator.wait(REST_WITHIN, |status| !matches!(mode_of(status), Mode::Engaging | Mode::Engaged | Mode::Holding));
+    let faults = operator.status().map(|status| explain::status_json(&status, &names)["fault_counts"].take());
     drop((operator, server));
     let mut trouble = children.stop();
     trouble.extend(recorder.as_mut().and_then(Recorder::stop));
@@ -80,7 +81,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     if folder.temporary {
         instance.retire();
     }
-    let report = Report::collect(&instance, simulator).map_err(|failure| {
+    let report = Report::collect(&instance, simulator, faults).map_err(|failure| {
         let causes = trouble.iter().chain(ended.as_ref().err()).chain([&failure.text]);
         Failure::new(failure.exit, causes.map(String::as_str).collect::<Vec<_>>().join("; "))
     })?;

@@ -36,7 +36,9 @@ pub struct Report {
 
 impl Report {
     /// Reads the reports that the processes wrote to the instance's folder.
-    pub fn collect(instance: &Instance, simulator: Simulator) -> Result<Self, Failure> {
+    /// `faults` counts them up to the end of the motion. What the processes raise while they end one after another is no
+    /// fault of the run. Without it, all are counted.
+    pub fn collect(instance: &Instance, simulator: Simulator, faults: Option<Value>) -> Result<Self, Failure> {
         let read = |process: &str| -> Result<Value, Failure> {
             let path = instance.report(process);
             let text = std::fs::read_to_string(&path).map_err(|error| {
@@ -54,6 +56,7 @@ impl Report {
         let (first, last) = of_retarget.span().ok_or_else(|| Failure::new(Exit::Failed, "retarget never ticked"))?;
         let length = last - first + 1;
         let timelines = [("retarget", of_retarget), ("control", of_control), ("driver", of_driver)];
+        let of_robot = Timeline::deserialize(&robot["timeline"]).ok().map(|timeline| ("robot", timeline));
         let (mut ticks, mut missed) = (Map::new(), Map::new());
         for (name, timeline) in &timelines {
             let ran = timeline.ticks_within(first, last);
@@ -75,7 +78,7 @@ impl Report {
             "seconds": length as f64 / TICK_HZ as f64,
             "ticks": ticks,
             "missed_deadlines": missed,
-            "longest_pause": longest_pause(&timelines, first),
+            "longest_pause": longest_pause(timelines.iter().chain(&of_robot), first),
             "latency_us": {
                 "skeleton_to_command": percentiles(&driver["telemetry"]["metrics"]["skeleton_to_command"]),
                 "target_to_command": percentiles(&driver["telemetry"]["metrics"]["target_to_command"]),
@@ -95,7 +98,7 @@ impl Report {
             "tracking_error_rad": { "rms": control["tracking_error_rad"]["rms"], "max": control["tracking_error_rad"]["max"] },
             "engage": driver["engage"],
             "first_latch": driver["first_latch"],
-            "faults": control["status"]["fault_counts"],
+            "faults": faults.unwrap_or_else(|| control["status"]["fault_counts"].clone()),
             "faults_before_engaging": control["faults_before_engaging"],
             "mode_transitions": transitions,
         });
@@ -262,8 +265,8 @@ impl Report {
 }
 
 /// The longest time for which one of the processes ran no tick, in a run that began at tick `first`. Null without one.
-fn longest_pause(timelines: &[(&str, Timeline)], first: u64) -> Value {
-    let pauses = timelines.iter().filter_map(|(name, timeline)| Some((*name, timeline.longest_pause()?)));
+fn longest_pause<'a>(timelines: impl Iterator<Item = &'a (&'static str, Timeline)>, first: u64) -> Value {
+    let pauses = timelines.filter_map(|(name, timeline)| Some((*name, timeline.longest_pause(first)?)));
     pauses.max_by_key(|(_, (_, lost))| *lost).map_or(Value::Null, |(process, (k, lost))| {
         let [ms, at_s] = [lost as f64 * 1e3, k.saturating_sub(first) as f64].map(|ticks| ticks / TICK_HZ as f64);
         json!({ "process": process, "ms": ms, "at_s": at_s })

@@ -39,11 +39,11 @@ impl Timeline {
             .sum()
     }
 
-    /// The longest pause between two ticks: its first missing tick, and their number.
-    pub fn longest_pause(&self) -> Option<(u64, u64)> {
+    /// The longest pause between two ticks from tick `first` on: its first missing tick, and their number.
+    pub fn longest_pause(&self, first: u64) -> Option<(u64, u64)> {
         let ends = |pair: &[(u64, u64)]| pair[0].0 + pair[0].1;
         let pauses = self.runs.windows(2).map(|pair| (ends(pair), pair[1].0 - ends(pair)));
-        pauses.max_by_key(|(_, ticks)| *ticks)
+        pauses.filter(|(k, _)| *k >= first).max_by_key(|(_, ticks)| *ticks)
     }
 
     pub fn span(&self) -> Option<(u64, u64)> {
@@ -66,7 +66,7 @@ mod tests {
         timeline.add(39);
         assert_eq!(timeline.span(), Some((10, 39)));
         assert_eq!(timeline.ticks_within(10, 39), 24);
-        assert_eq!(timeline.longest_pause(), Some((20, 5)));
+        assert_eq!((timeline.longest_pause(0), timeline.longest_pause(21)), (Some((20, 5)), Some((30, 1))));
         assert_eq!(timeline.ticks_within(0, 9), 0);
         assert_eq!(timeline.ticks_within(18, 26), 4);
         let again = Timeline::deserialize(serde_json::to_value(&timeline).unwrap()).unwrap();

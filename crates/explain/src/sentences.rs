@@ -202,7 +202,22 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
         (Fault::TrackingError, _) => {
             let joint = status.tracking_joint.saturating_sub(1) as usize;
             let (name, unit) = (names.joint(joint), names.unit(joint));
-            format!("{meaning} {name} is {:.4} {unit} from its command.", status.tracking_error)
+            let error = format!("{:.4} {unit}", status.tracking_error);
+            if Faults(status.faults).has(fault) {
+                format!("{meaning} {name} is {error} from its command.")
+            } else {
+                format!("{meaning} That is over: now {name} is the farthest from its command, by {error}.")
+            }
+        }
+        // Only the simulator engages without real-time scheduling.
+        (Fault::FeedbackInvalid | Fault::DriverFault | Fault::StateStale | Fault::DeadlineMissed, _)
+            if status.realtime == 0 =>
+        {
+            format!(
+                "{meaning} A pause of this machine, which runs no process in real time, causes it, too: {} deadlines were missed. See \
+                 docs/src/real-time.md.",
+                status.missed_deadlines
+            )
         }
         (Fault::VelocityError | Fault::StandstillLost, _) => match unsteady(status, names) {
             Some(name) => format!("{meaning} It is {name}."),
@@ -447,9 +462,15 @@ mod tests {
         };
         let text = |fault| meaning(fault, &status, &Names::default());
         let lost = Faults::NONE.with(Fault::TrackingError).0;
-        let behind = Status { latched: lost, tracking_joint: 4, tracking_error: 0.06, ..Status::ZERO };
-        let behind = meaning(Fault::TrackingError, &behind, &Names::default());
-        assert!(behind.ends_with("joint 3 is 0.0600 rad or m from its command."), "{behind}");
+        let behind = Status { faults: lost, tracking_joint: 4, tracking_error: 0.06, ..Status::ZERO };
+        let text_of = |status: &Status| meaning(Fault::TrackingError, status, &Names::default());
+        assert!(text_of(&behind).ends_with("joint 3 is 0.0600 rad or m from its command."));
+        let back = text_of(&Status { faults: 0, latched: lost, tracking_error: 0.0, ..behind });
+        assert!(back.contains("That is over: now joint 3 is the farthest"), "{back}");
+        let paused = Status { latched: Faults::NONE.with(Fault::DriverFault).0, missed_deadlines: 90, ..Status::ZERO };
+        let driver = |status: &Status| meaning(Fault::DriverFault, status, &Names::default());
+        assert!(driver(&paused).contains("90 deadlines were missed"), "{}", driver(&paused));
+        assert!(!driver(&Status { realtime: 1, ..paused }).contains("pause"), "a machine in real time does not pause");
         for fault in [Fault::VelocityError, Fault::StandstillLost] {
             let swings = Status { latched: Faults::NONE.with(fault).0, unsteady_joint: 7, ..Status::ZERO };
             let text = meaning(fault, &swings, &Names::default());

@@ -26,7 +26,7 @@ pub fn input_age_ms(status: &Status) -> Option<f64> {
     (!none).then_some(status.input_age_ns as f64 * 1e-6)
 }
 
-/// Converts a status to JSON with the message's keys. `why` says why the robot does not follow.
+/// Converts a status to JSON with the message's keys, and joints and pairs by their names. `why` says why the robot does not follow.
 pub fn status_json(status: &Status, names: &Names) -> Value {
     let mode = |value: u32| Mode::from_u32(value).map_or("unknown", Mode::name);
     let listed = |bits: u64| Faults(bits).iter().map(|fault| fault.row().name).collect::<Vec<_>>();
@@ -36,6 +36,7 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         .filter(|(_, count)| *count > 0)
         .map(|(name, count)| (name, json!(count)))
         .collect();
+    let joint = |place: u32| place.checked_sub(1).map(|joint| names.joint(joint as usize));
     let transitions: Vec<_> = sentences::newest_transitions(status, u32::MAX)
         .map(|t| json!({ "k": t.k, "from": mode(t.from), "to": mode(t.to), "why": t.why_name() }))
         .collect();
@@ -51,21 +52,21 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         "input_age_ms": status.input_age_ns as f64 * 1e-6,
         "clearance_command_m": status.clearance_command_m,
         "clearance_measured_m": status.clearance_measured_m,
-        "nearest_pair": status.nearest_pair,
-        "nearest_pair_measured": status.nearest_pair_measured,
-        "joint_outside": status.joint_outside.checked_sub(1),
+        "nearest_pair": names.pair(status.nearest_pair),
+        "nearest_pair_measured": names.pair(status.nearest_pair_measured),
+        "joint_outside": joint(status.joint_outside),
         "outside_by": status.outside_by,
         "torso_to_go_m": status.torso_to_go_m,
         "note": activity(status),
         "tracking_error": status.tracking_error,
-        "tracking_joint": status.tracking_joint.checked_sub(1),
+        "tracking_joint": joint(status.tracking_joint),
         "at_rest": status.moving == 0,
         "payload_kg": status.payload_kg,
         "payload_centre_m": status.payload_centre_m,
         "payloads_taken": status.payloads_taken,
         "payloads_refused": status.payloads_refused,
         "payload_refused": sentences::payload_refused(status, names),
-        "unsteady_joint": status.unsteady_joint.checked_sub(1),
+        "unsteady_joint": joint(status.unsteady_joint),
         "denied": sentences::denied(status, names),
         "refused": sentences::subject(Subject::from_code(status.refused_about), names),
         "input_drop": sentences::dropped(status).map(|(name, _)| name),

@@ -3,8 +3,9 @@
 
 use super::{Process, WARM_TICKS, bus_failure};
 use crate::cli::InstanceArgs;
+use crate::timeline::Timeline;
 use bus::Domain;
-use messages::{Layout, RobotMeasured, RobotSetpoint, Service, Stamp, deadline, measured_flag};
+use messages::{Layout, RobotMeasured, RobotSetpoint, Service, Stamp, deadline, measured_flag, tick_at};
 use plant::Robot;
 use rt::{Exit, Failure};
 use serde_json::{Map, Value, json};
@@ -44,16 +45,21 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let button = rt::Switch::on_signals().map_err(Failure::with(Exit::Software))?;
     process.ready()?;
     let (mut cycle, mut sequence, mut seen_k, mut refused) = (rt::now(), 0, 0, false);
+    let mut timeline = Timeline::new();
     let mut ending: Option<Stamp> = None;
     loop {
         cycle = cycle.plus_ns(CYCLE_NS);
         rt::sleep_until(cycle);
         let now = rt::now();
         process.probe.record(Metric::WakeUp, cycle, now);
-        if now.since(cycle) > CYCLE_NS {
+        let is_late = now.since(cycle) > CYCLE_NS;
+        if is_late {
             // Missed cycles are skipped. The body moves on through them.
             cycle = now;
         }
+        let k = tick_at(now);
+        let next = timeline.span().map_or(k, |(_, last)| last + 1);
+        (if is_late { k } else { next }..=k).for_each(|k| timeline.add(k));
         press(&mut robot, button.turned());
         // Each setpoint acts at the time at which it was sent, whenever this process woke up. If one setpoint of
         // a cycle is refused, the answer to all of them is a refusal.
@@ -88,7 +94,8 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
             }
         }
     }
-    let report = figures(&process.loaded.model.joint_names, &robot);
+    let mut report = figures(&process.loaded.model.joint_names, &robot);
+    report["timeline"] = json!(timeline);
     process.leave(report)
 }
 

@@ -82,7 +82,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
     if failures > 0 {
         trouble.push(format!("the bus did not accept {failures} skeletons"));
     }
-    let report = Report::collect(&harness.instance, Simulator::BuiltIn);
+    let report = Report::collect(&harness.instance, Simulator::BuiltIn, None);
     match &report {
         Ok(report) => trouble.extend(report.complaints()),
         Err(failure) => trouble.push(failure.text.clone()),
