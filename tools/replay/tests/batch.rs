@@ -91,6 +91,26 @@ fn stage_joints(limbs: Vec<[[f32; 4]; LIMBS]>, settings: &Settings) -> Vec<[f64;
 }
 
 #[test]
+fn safe_batch_keeps_every_speed_limit_that_its_postures_break() {
+    let (_folder, input, out) = folders();
+    let (model, _) = config::load_model(&robot()).expect("the robot");
+    let settings = repository().join("config/teleop.toml");
+    let safe = ["--safe", "--config", settings.to_str().expect("text")];
+    let fastest = |more: &[&str]| {
+        assert_eq!(go(&input, &out, &[more, &["--overwrite", "--calibration", "none"]].concat()).made, 1);
+        let rows = rows(&out.join("a.csv"));
+        let share = |pair: &[Vec<f64>], j: usize| {
+            (pair[1][j + 1] - pair[0][j + 1]).abs() / (pair[1][0] - pair[0][0]) / model.limits[j].v_max
+        };
+        let shares = rows.windows(2).flat_map(|pair| (0..JOINTS).map(|j| share(pair, j)));
+        (rows.len(), shares.fold(0.0, f64::max))
+    };
+    let ((frames, postures), (ticks, commands)) = (fastest(&[]), fastest(&safe));
+    assert!(postures > 1.0 && commands <= 1.0 + 1e-6, "{postures}, {commands}");
+    assert!(frames == 80 && ticks > 3 * 1500, "{frames}, {ticks}: it also engages and comes to rest");
+}
+
+#[test]
 fn batch_results_equal_the_live_stage_bit_for_bit() {
     let (_folder, input, out) = folders();
     for (word, method) in [("network", retarget::Method::Network), ("closed-form", retarget::Method::ClosedForm)] {

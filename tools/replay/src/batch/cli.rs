@@ -30,7 +30,7 @@ pub enum Rate {
 
 /// Retargets a folder of motion files to joint trajectories.
 ///
-/// Finished files are skipped. A manifest in the output folder records the input and the options of each file.
+/// Without --safe they are postures, not a motion: they know no limit of speed and no clearance. Finished files are skipped. A manifest in the output folder records the input and the options of each file.
 #[derive(Clone, Debug, Parser)]
 #[command(name = "batch", version)]
 pub struct Cli {
@@ -74,6 +74,13 @@ pub struct Cli {
     /// Make every file again, and replace files that this tool did not write.
     #[arg(long)]
     pub overwrite: bool,
+    /// Write what the robot may do: every command at 1500 Hz after whole-body control and the safety gate, from its start to
+    /// its end at rest. A motion of at most ten minutes.
+    #[arg(long, conflicts_with_all = ["rate", "method", "refine_steps", "weights"])]
+    pub safe: bool,
+    /// Settings of --safe.
+    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
+    pub config: PathBuf,
     #[command(flatten)]
     pub load: LoadOptions,
     /// Instead: time this many synthetic poses of both arms on one core and on all.

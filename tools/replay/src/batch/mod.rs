@@ -1,6 +1,6 @@
 //! Retargets a folder of motion files to joint trajectories, on all cores. It applies the retargeting's own
 //! functions frame by frame. The results do not depend on the number of jobs. The outputs are targets, before
-//! whole-body control and before the safety gate.
+//! whole-body control and before the safety gate: postures, not a motion. With `--safe` they are the commands after both.
 
 mod bench;
 mod cli;
@@ -9,6 +9,7 @@ mod output;
 mod postures;
 mod program;
 mod run;
+mod safe;
 mod trajectory;
 
 pub use bench::{BenchReport, bench, synthetic};

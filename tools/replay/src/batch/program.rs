@@ -30,7 +30,7 @@ pub fn execute(cli: &Cli) -> ExitCode {
     let outcome = run(cli, input, out, &shutdown, &progress);
     progress.finish_and_clear();
     if let Ok(summary) = &outcome {
-        report(summary, begun.elapsed().as_secs_f64());
+        report(cli, summary, begun.elapsed().as_secs_f64());
         if summary.interrupted {
             let signal = shutdown.signal().and_then(|signal| u8::try_from(signal).ok());
             return ExitCode::from(signal.map_or(1, |signal| BY_SIGNAL + signal));
@@ -39,7 +39,7 @@ pub fn execute(cli: &Cli) -> ExitCode {
     rt::finish("batch", outcome.map(|summary| summary.failed.is_empty()))
 }
 
-fn report(summary: &Summary, seconds: f64) {
+fn report(cli: &Cli, summary: &Summary, seconds: f64) {
     let Summary { made, postures, finished, failed, no_motion, interrupted } = summary;
     rt::out!(
         "{made} files made with {postures} postures in {seconds:.1} s ({:.0} a second), {finished} were finished, {} \
@@ -47,6 +47,9 @@ fn report(summary: &Summary, seconds: f64) {
         *postures as f64 / seconds.max(1e-9),
         failed.len()
     );
+    if !cli.safe && *made > 0 {
+        rt::out!("these are postures, not a motion: a robot may not follow them; --safe writes what it may do");
+    }
     for (path, reason) in no_motion {
         rt::out!("left out {}: {reason}", path.display());
     }

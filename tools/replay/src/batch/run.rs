@@ -5,8 +5,10 @@ use super::failed;
 use super::manifest::{Entry, Manifest, sha256_file};
 use super::output::Writer;
 use super::postures::Postures;
+use super::safe;
 use super::trajectory::Trajectory;
 use indicatif::ProgressBar;
+use messages::JOINTS_MAX;
 use rayon::ThreadPoolBuilder;
 use rayon::iter::{ParallelBridge, ParallelIterator};
 use robot::Model;
@@ -48,8 +50,13 @@ struct Job {
     bytes: u64,
 }
 
-struct Shared<'a> {
-    cli: &'a Cli,
+/// Rows of a trajectory: time, s, and joints, rad or m.
+pub(super) type Rows = Vec<(f64, [f64; JOINTS_MAX])>;
+
+pub(super) struct Shared<'a> {
+    pub(super) cli: &'a Cli,
+    /// The settings of `--safe`.
+    pub(super) loaded: Option<config::Loaded>,
     model: &'a Model,
     postures: &'a Postures,
     options_sha256: String,
@@ -79,7 +86,9 @@ pub fn run(
     let jobs = plan(cli, input, out, listing.files, &mut summary);
     let options_sha256 = options_sha256(cli, &model)?;
     let manifest = Manifest::open(out)?;
-    let shared = Shared { cli, model: &model, postures: &postures, options_sha256, manifest, shutdown };
+    let settings = || config::load(&cli.config, config::Overrides::robot(Some(&cli.robot)));
+    let loaded = cli.safe.then(settings).transpose().map_err(Failure::with(Exit::Config))?;
+    let shared = Shared { cli, loaded, model: &model, postures: &postures, options_sha256, manifest, shutdown };
     progress.set_length(jobs.iter().map(|job| job.bytes).sum());
     let outcomes = in_parallel(cli.threads().min(jobs.len()), jobs.len(), |i| {
         let outcome = make(&shared, &jobs[i]);
@@ -155,7 +164,8 @@ fn options_sha256(cli: &Cli, model: &Model) -> Result<String, Failure> {
         Rate::Hz(hz) => hz.to_string(),
     };
     let mut text = format!(
-        "{} {:?} {rate} {:?} {} {} {} {:?} {:?} {:016x}",
+        "{} {} {:?} {rate} {:?} {} {} {} {:?} {:?} {:016x}",
+        if cli.safe { "safe" } else { "postures" },
         env!("CARGO_PKG_VERSION"),
         cli.format,
         cli.method,
@@ -168,6 +178,7 @@ fn options_sha256(cli: &Cli, model: &Model) -> Result<String, Failure> {
     );
     let named = [&cli.load.mean, &cli.load.std, &cli.load.map];
     let mut files: Vec<PathBuf> = named.into_iter().flatten().cloned().collect();
+    files.extend(cli.safe.then(|| cli.config.clone()));
     if cli.method == Method::Network {
         let with = |extension: &str| PathBuf::from(format!("{}.{extension}", cli.weights().display()));
         files.extend([with("toml"), with("safetensors")]);
@@ -209,29 +220,48 @@ fn make(shared: &Shared<'_>, job: &Job) -> Result<Outcome, Failure> {
         }
     }
     let motion = motion::load_with(&job.input, &cli.load).map_err(Failure::with(Exit::NoInput))?;
-    let trajectory = Trajectory::new(shared.postures, &motion, cli.calibration, cli.rate);
-    let (count, rate_hz) = (trajectory.rows(), trajectory.rate_hz());
-    if count > ROWS_MAX {
-        let file = job.input.display();
-        let text = format!("{file}: {count} rows at {rate_hz} Hz, at most {ROWS_MAX} are written");
-        return Err(Failure::new(Exit::Failed, text));
-    }
-    let mut writer = Writer::create(&job.output, cli.format, count, rate_hz, &shared.model.joint_names)?;
-    for (i, row) in trajectory.enumerate() {
-        let (time_s, q) = row.map_err(|(frame, cause)| {
-            Failure::new(Exit::Failed, format!("{}: frame {frame}: {cause}", job.input.display()))
-        })?;
-        writer.row(time_s, &q)?;
-        if i % ROWS_PER_CHECK == 0 && shared.shutdown.requested() {
+    let interrupted = || shared.shutdown.requested();
+    let count = if cli.safe {
+        let Some(rows) = safe::commands(shared, &job.input, &motion, interrupted)? else {
             return Ok(Outcome::Interrupted);
-        }
-    }
+        };
+        let rate_hz = f64::from(messages::TICK_HZ as u32);
+        written(shared, job, rate_hz, rows.len(), rows.into_iter().map(Ok))?
+    } else {
+        let trajectory = Trajectory::new(shared.postures, &motion, cli.calibration, cli.rate);
+        written(shared, job, trajectory.rate_hz(), trajectory.rows(), trajectory)?
+    };
+    let Some((mut writer, postures)) = count else { return Ok(Outcome::Interrupted) };
     let output_sha256 = writer.seal()?;
     let (output, options_sha256) = (job.key.clone(), shared.options_sha256.clone());
-    let postures = count as u64;
     // The line comes first. A run that is killed between the two leaves a line too many, but never an unknown
     // file.
     shared.manifest.add(&Entry { output, input_sha256, options_sha256, output_sha256, postures })?;
     writer.move_in_place()?;
     Ok(Outcome::Made(postures))
+}
+
+/// Writes the rows beside their place, and returns the writer and their number. `None` after Ctrl-C.
+fn written(
+    shared: &Shared<'_>,
+    job: &Job,
+    rate_hz: f64,
+    count: usize,
+    rows: impl Iterator<Item = Result<(f64, [f64; JOINTS_MAX]), (usize, &'static str)>>,
+) -> Result<Option<(Writer, u64)>, Failure> {
+    let file = job.input.display();
+    if count > ROWS_MAX {
+        let text = format!("{file}: {count} rows at {rate_hz} Hz, at most {ROWS_MAX} are written");
+        return Err(Failure::new(Exit::Failed, text));
+    }
+    let mut writer = Writer::create(&job.output, shared.cli.format, count, rate_hz, &shared.model.joint_names)?;
+    for (i, row) in rows.enumerate() {
+        let (time_s, q) =
+            row.map_err(|(frame, cause)| Failure::new(Exit::Failed, format!("{file}: frame {frame}: {cause}")))?;
+        writer.row(time_s, &q)?;
+        if i % ROWS_PER_CHECK == 0 && shared.shutdown.requested() {
+            return Ok(None);
+        }
+    }
+    Ok(Some((writer, count as u64)))
 }
