@@ -106,7 +106,8 @@ impl Canonical {
 
     /// Returns the guesses with these warnings.
     pub(crate) fn guesses(&self, warnings: Vec<String>) -> Guesses {
-        Guesses { scale_m_per_unit: self.scale, unit: self.unit, stature_m: self.stature_m, up: self.up, warnings }
+        let (scale_m_per_unit, unit, stature_m, up) = (self.scale, self.unit, self.stature_m, self.up);
+        Guesses { scale_m_per_unit, unit, stature_m, up, warnings, lost: None }
     }
 
     pub(crate) fn apply(&self, frame: &RigFrame) -> Frame {

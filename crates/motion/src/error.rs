@@ -40,13 +40,13 @@ pub enum McapError {
     NotMcap { cause: String },
     #[error("cannot be read: {cause}")]
     Read { cause: String },
-    #[error("names more than {bound} channels or schemas")]
-    Channels { bound: usize },
-    #[error("the chunk at byte {offset} claims to decompress to {bytes} bytes; the limit is {bound}")]
+    #[error("names more than {bound} channels or schemas, or their names have more than {bytes} bytes")]
+    Channels { bound: usize, bytes: usize },
+    #[error("the chunk or record at byte {offset} claims to have {bytes} bytes; the limit is {bound}")]
     Chunk {
-        /// Start of the chunk in the file.
+        /// Its start in the file.
         offset: u64,
-        /// Its length before compression.
+        /// Its length, before compression.
         bytes: u64,
         bound: u64,
     },
@@ -58,6 +58,11 @@ pub enum McapError {
         bytes: u64,
         bound: u64,
     },
+    #[error(
+        "its messages are not in the order of their time: {bytes} bytes would wait for earlier ones, and the limit is {bound}; \
+         `pymcap-cli sort` writes them in that order"
+    )]
+    Disorder { bytes: u64, bound: u64 },
     #[error("holds more than {bound} skeletons")]
     Frames { bound: usize },
     #[error(

@@ -16,10 +16,10 @@ mod lengths;
 pub mod mcap;
 mod mirror;
 pub mod npy;
+mod parts;
 mod resample;
 mod rig;
 mod scan;
-mod unpack;
 mod write;
 
 pub use builtin::{
@@ -88,6 +88,8 @@ pub struct Guesses {
     pub up: &'static str,
     /// Other warnings of the reader, one sentence each.
     pub warnings: Vec<String>,
+    /// What is lost if the file is damaged or truncated.
+    pub lost: Option<String>,
 }
 
 /// A motion of one person.
@@ -110,8 +112,14 @@ pub struct Motion {
 impl Motion {
     /// Creates a motion of a generated person, for whom nothing is guessed.
     pub fn generated(name: &str, frame_rate_hz: f64, frames: Vec<Frame>) -> Self {
-        let guesses =
-            Guesses { scale_m_per_unit: 1.0, unit: "m", stature_m: STATURE_M, up: "+Z", warnings: Vec::new() };
+        let guesses = Guesses {
+            scale_m_per_unit: 1.0,
+            unit: "m",
+            stature_m: STATURE_M,
+            up: "+Z",
+            warnings: Vec::new(),
+            lost: None,
+        };
         Self { name: name.to_owned(), frame_rate_hz, frames, first: None, has_rotations: true, guesses }
     }
 
@@ -176,8 +184,7 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
     let name = path.file_stem().map_or_else(|| "motion".to_owned(), |stem| stem.to_string_lossy().into_owned());
     let mut motion = match extension.as_str() {
         "bvh" => read_bvh(&name, path, source, options)?,
-        "mcap" => mcap::parse_mcap(BufReader::new(source), &name)
-            .map_err(|source| MotionError::Mcap { file: file(), source })?,
+        "mcap" => mcap::parse_mcap(source, &name).map_err(|source| MotionError::Mcap { file: file(), source })?,
         "npy" => read_humanml3d(&name, path, source, options).map_err(array)?,
         _ => read_amass(&name, source, options).map_err(array)?,
     };

@@ -1,22 +1,23 @@
-//! Recordings (.mcap). The reader reads any file from its beginning to its last whole chunk, in bounded memory. A
-//! second function extracts the motion of the skeletons.
+//! Recordings (.mcap). The reader passes the messages on in the order of their time, whatever their order in the file, and past
+//! damage, in bounded memory. A second function extracts the motion of the skeletons.
 
 use crate::error::McapError;
-use crate::unpack::{CHUNK_BYTES_MAX, Meter};
+use crate::parts::{CHUNK_BYTES_MAX, Part, Parts};
 use crate::{FRAMES_MAX, Frame, Guesses, Motion};
 use mcap::records::Record;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use messages::{LIMBS, Limb, Message, SMPL_JOINTS, Skeleton, Smpl, skeleton_flag};
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion};
-use std::collections::BTreeMap;
-use std::io::Read;
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap};
+use std::io::{Read, Seek};
 
-/// Largest record that is read, bytes. It equals the largest chunk.
-const RECORD_BYTES_MAX: usize = CHUNK_BYTES_MAX as usize;
-/// Most schemas and channels of a file.
-const CHANNELS_MAX: usize = 4096;
-/// Bytes per read from the file.
-const READ_BYTES: usize = 1 << 16;
+/// Bytes of messages that may wait for earlier ones for each byte of the file, in addition to one largest chunk, and the most.
+/// A run in virtual time, with one chunk for each topic, unpacks to 5 times its file. Assumption: three times that.
+const WAITING_PER_BYTE: u64 = 16;
+const WAITING_BYTES_MAX: u64 = 1 << 30;
+/// Damaged places that are named. More are counted.
+const LOST_NAMED: usize = 4;
 /// Range of rates to which skeletons are resampled, Hz. It is the range of a live client.
 const RATE_HZ: (f64, f64) = (30.0, 240.0);
 /// A longer pause between two skeletons is cut out, s. The person was not visible.
@@ -39,147 +40,268 @@ pub struct Source {
     pub schema: String,
 }
 
-/// An item of a recording.
-#[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs, reason = "the variants describe the fields")]
-pub enum Item {
-    /// A message.
-    Message {
-        /// Its channel. [`Reader::source`] names it.
-        channel: u16,
-        /// Sequence number of its writer.
-        sequence: u32,
-        /// Time of recording, ns.
-        log_time: u64,
-        data: Vec<u8>,
-    },
-    /// A table of texts.
-    Metadata { name: String, entries: BTreeMap<String, String> },
-    /// An embedded file.
-    Attachment { name: String, data: Vec<u8> },
+/// A message of a recording.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Recorded {
+    /// Its channel. [`Reader::source`] names it.
+    pub channel: u16,
+    /// Time of recording, ns.
+    pub log_time: u64,
+    /// Its bytes, in the channel's encoding.
+    pub data: Vec<u8>,
 }
 
-/// State of the end of reading.
+/// State of the file, as far as it was read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// There are more items.
-    Open,
     /// The writer finished the file.
     Complete,
-    /// The file is cut short, as after kill -9 or on a full disk. The data before the cut are valid.
+    /// The file is damaged, or cut short as after kill -9 or on a full disk. The text says what is lost. All else is valid.
     BrokenOff(String),
     /// The writer finished the file, but more data follow. They are not read.
     GoesOn,
 }
 
-/// Reads a recording from its beginning. It needs no index, so it reads a cut file up to its last chunk.
-pub struct Reader<R> {
-    input: R,
-    reader: LinearReader,
-    schemas: BTreeMap<u16, String>,
-    channels: BTreeMap<u16, Source>,
-    ending: Ending,
-    any: bool,
-    meter: Meter,
+/// A message that waits for earlier ones. The earliest comes first, then that of the lowest rank, then the one that its writer
+/// counted first. So copies of a message follow each other.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Waiting {
+    log_time: u64,
+    rank: u8,
+    sequence: u32,
+    part: u32,
+    /// Place and length in the data of its part, bytes.
+    from: u32,
+    bytes: u32,
+    channel: u16,
 }
 
-impl<R: Read> Reader<R> {
-    /// Creates a reader of `input`.
-    pub fn new(input: R) -> Self {
-        let options =
-            LinearReaderOptions::default().with_prevalidate_chunk_crcs(true).with_record_length_limit(RECORD_BYTES_MAX);
-        let reader = LinearReader::new_with_options(options);
-        let (schemas, channels) = (BTreeMap::new(), BTreeMap::new());
-        Self { input, reader, schemas, channels, ending: Ending::Open, any: false, meter: Meter::default() }
+/// Data of a part of which messages wait.
+struct Loaded {
+    data: Vec<u8>,
+    waiting: usize,
+    unpacked: u64,
+}
+
+/// Reads a recording in the order of time. It needs no index, so it also reads a file that was cut.
+pub struct Reader<R> {
+    parts: Parts<R>,
+    rank: fn(&str) -> u8,
+    ending: Ending,
+    /// Number of the next part.
+    next: usize,
+    loaded: BTreeMap<u32, Loaded>,
+    waiting: BinaryHeap<Reverse<Waiting>>,
+    waiting_bytes: u64,
+    passed: u64,
+    unpacked: u64,
+    is_searched: bool,
+}
+
+impl<R: Read + Seek> Reader<R> {
+    /// Creates a reader of `input`. Messages of one time come in the order of `rank`, which is given their topic. Copies of a
+    /// message, as after a merge of overlapping files, come once.
+    ///
+    /// # Errors
+    /// Returns [`McapError`] if it is no MCAP file, or if it unpacks to too much.
+    pub fn new(input: R, rank: fn(&str) -> u8) -> Result<Self, McapError> {
+        let mut parts = Parts::find(input)?;
+        parts.list.sort_by_key(|part| part.begin_ns);
+        let ending = if parts.end.is_some_and(|end| end < parts.size) { Ending::GoesOn } else { Ending::Complete };
+        let (loaded, waiting) = (BTreeMap::new(), BinaryHeap::new());
+        let (next, passed, unpacked, waiting_bytes, is_searched) = (0, 0, 0, 0, false);
+        let mut reader =
+            Self { parts, rank, ending, next, loaded, waiting, waiting_bytes, passed, unpacked, is_searched };
+        reader.settle();
+        Ok(reader)
     }
 
     /// Returns the channel of a message.
     pub fn source(&self, channel: u16) -> Option<&Source> {
-        self.channels.get(&channel)
+        self.parts.names.channels.get(&channel).map(|(_, source)| source)
     }
 
     /// Returns every channel seen so far.
     pub fn sources(&self) -> impl Iterator<Item = &Source> {
-        self.channels.values()
+        self.parts.names.channels.values().map(|(_, source)| source)
     }
 
-    /// Returns the state of the end of reading.
+    /// Returns the last table of this name, wherever it stands in the file.
+    pub fn table(&self, name: &str) -> Option<&BTreeMap<String, String>> {
+        self.parts.tables.iter().rev().find(|(known, _)| known == name).map(|(_, table)| table)
+    }
+
+    /// Returns the state of the file, as far as it was read.
     pub fn ending(&self) -> &Ending {
         &self.ending
     }
 
-    /// Bytes of records unpacked so far, including chunks.
-    pub fn unpacked_bytes(&self) -> u64 {
-        self.meter.came()
+    /// Returns what is lost, if the file is damaged or truncated.
+    pub fn lost(&self) -> Option<&str> {
+        match &self.ending {
+            Ending::BrokenOff(lost) => Some(lost),
+            Ending::Complete | Ending::GoesOn => None,
+        }
     }
 
-    /// Returns the next item. `None` at the end, whatever its kind ([`Reader::ending`]).
-    pub fn next_item(&mut self) -> Result<Option<Item>, McapError> {
-        while self.ending == Ending::Open {
-            let event = match self.reader.next_event() {
-                None => {
-                    let more =
-                        self.input.read(&mut [0]).map_err(|error| McapError::Read { cause: error.to_string() })?;
-                    self.ending = if more == 0 { Ending::Complete } else { Ending::GoesOn };
-                    break;
+    /// Bytes of records unpacked so far.
+    pub fn unpacked_bytes(&self) -> u64 {
+        self.unpacked
+    }
+
+    /// Returns the next message. `None` at the end, whatever its kind ([`Reader::ending`]).
+    ///
+    /// # Errors
+    /// Returns [`McapError`] if the input cannot be read, or if too many messages wait for earlier ones.
+    pub fn next_message(&mut self) -> Result<Option<Recorded>, McapError> {
+        loop {
+            while let Some(&part) = self.parts.list.get(self.next)
+                && self.waiting.peek().is_none_or(|Reverse(first)| part.begin_ns <= first.log_time)
+            {
+                self.load(part)?;
+            }
+            let Some(Reverse(first)) = self.waiting.pop() else { break };
+            self.passed += 1;
+            let twin = self.waiting.peek().is_some_and(|Reverse(second)| {
+                (first.log_time, first.sequence) == (second.log_time, second.sequence)
+                    && self.source(first.channel) == self.source(second.channel)
+                    && self.data(&first) == self.data(second)
+            });
+            let data = if twin { Vec::new() } else { self.data(&first).to_vec() };
+            if let Some(loaded) = self.loaded.get_mut(&first.part) {
+                loaded.waiting -= 1;
+                if loaded.waiting == 0 {
+                    self.waiting_bytes -= loaded.unpacked;
+                    self.loaded.remove(&first.part);
                 }
-                Some(event) => event,
-            };
-            match event {
-                Ok(LinearReadEvent::ReadRequest(need)) => {
-                    let place = self.reader.insert(need.clamp(1, READ_BYTES));
-                    let count = self.input.read(place).map_err(|error| McapError::Read { cause: error.to_string() })?;
-                    self.meter.see(&place[..count])?;
-                    self.reader.notify_read(count);
+            }
+            if !twin {
+                return Ok(Some(Recorded { channel: first.channel, log_time: first.log_time, data }));
+            }
+        }
+        if let Some(counted) = self.parts.counted.filter(|counted| *counted > self.passed) {
+            self.parts.counted = None;
+            self.parts.lost.push(format!("{} of {counted} messages are lost", counted - self.passed));
+            self.settle();
+        }
+        Ok(None)
+    }
+
+    fn data(&self, waiting: &Waiting) -> &[u8] {
+        let (from, bytes) = (waiting.from as usize, waiting.bytes as usize);
+        self.loaded.get(&waiting.part).and_then(|loaded| loaded.data.get(from..from + bytes)).unwrap_or_default()
+    }
+
+    /// Unpacks the next part. One that is damaged is left out as a whole.
+    fn load(&mut self, part: Part) -> Result<(), McapError> {
+        let number = self.next as u32;
+        self.next += 1;
+        let bound = WAITING_BYTES_MAX.min(self.parts.size * WAITING_PER_BYTE) + CHUNK_BYTES_MAX;
+        if self.waiting_bytes + part.unpacked > bound {
+            return Err(McapError::Disorder { bytes: self.waiting_bytes + part.unpacked, bound });
+        }
+        let (mut data, mut all, mut is_early) = (Vec::new(), Vec::new(), false);
+        let unpacked = self.unpack(part, &mut |record| {
+            if let Record::Message { header, data: bytes } = record {
+                is_early |= header.log_time < part.begin_ns;
+                let (from, channel) = (data.len() as u32, header.channel_id);
+                let (log_time, sequence, length) = (header.log_time, header.sequence, bytes.len() as u32);
+                data.extend_from_slice(&bytes);
+                all.push(Waiting { log_time, rank: 0, sequence, part: number, from, bytes: length, channel });
+            }
+        })?;
+        let cause = unpacked.err().or(is_early.then(|| "a message is earlier than its chunk".to_owned()));
+        if let Some(cause) = cause {
+            let first = self.parts.list.iter().map(|part| part.begin_ns).find(|&begin_ns| begin_ns > 0);
+            let at_s = part.begin_ns.saturating_sub(first.unwrap_or_default()) as f64 * 1e-9;
+            self.parts.lost.push(format!("the chunk at byte {}, from {at_s:.3} s on, is damaged: {cause}", part.at));
+            self.settle();
+            return Ok(());
+        }
+        if all.iter().any(|one| self.source(one.channel).is_none()) {
+            self.search()?;
+        }
+        let before = all.len();
+        all.retain_mut(|one| {
+            let source = self.parts.names.channels.get(&one.channel);
+            one.rank = source.map_or(0, |(_, source)| (self.rank)(&source.topic));
+            source.is_some()
+        });
+        if all.len() < before {
+            let count = before - all.len();
+            self.parts.lost.push(format!("{count} messages at byte {} have a channel without a name", part.at));
+            self.settle();
+        }
+        if !all.is_empty() {
+            self.waiting_bytes += part.unpacked;
+            self.loaded.insert(number, Loaded { data, waiting: all.len(), unpacked: part.unpacked });
+            self.waiting.extend(all.into_iter().map(Reverse));
+        }
+        Ok(())
+    }
+
+    /// Looks for channels in all parts, once: a file without a summary may name them in a later part.
+    fn search(&mut self) -> Result<(), McapError> {
+        if !std::mem::replace(&mut self.is_searched, true) {
+            for part in self.parts.list.clone() {
+                let _ = self.unpack(part, &mut |_| {})?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Passes every message of a part to `each`, and notes its channels. The inner error says how it is damaged.
+    fn unpack(&mut self, part: Part, each: &mut dyn FnMut(Record<'_>)) -> Result<Result<(), String>, McapError> {
+        let options = LinearReaderOptions::default()
+            .with_skip_start_magic(true)
+            .with_skip_end_magic(true)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(CHUNK_BYTES_MAX as usize);
+        let mut reader = LinearReader::new_with_options(options);
+        let mut names = std::mem::take(&mut self.parts.names);
+        let mut rest = self.parts.read(part)?;
+        let mut outcome = Ok(Ok(()));
+        while let Some(event) = reader.next_event() {
+            match event.and_then(|event| match event {
+                LinearReadEvent::ReadRequest(need) => Ok(Err(need)),
+                LinearReadEvent::Record { opcode, data } => {
+                    self.unpacked += data.len() as u64;
+                    mcap::parse_record(opcode, data).map(Ok)
                 }
-                Ok(LinearReadEvent::Record { opcode, data }) => {
-                    self.any = true;
-                    self.meter.comes(data.len())?;
-                    let Ok(record) = mcap::parse_record(opcode, data).map(Record::into_owned) else {
-                        self.ending = Ending::BrokenOff("a record that cannot be parsed".to_owned());
+            }) {
+                Ok(Err(need)) => {
+                    let (now, later) = rest.split_at(need.min(rest.len()));
+                    reader.insert(now.len()).copy_from_slice(now);
+                    reader.notify_read(now.len());
+                    rest = later;
+                }
+                Ok(Ok(record @ (Record::Schema { .. } | Record::Channel(_)))) => {
+                    if let Err(error) = names.note(record.into_owned()) {
+                        outcome = Err(error);
                         break;
-                    };
-                    if let Some(item) = self.read_record(record)? {
-                        return Ok(Some(item));
                     }
                 }
-                Err(error) if self.any => self.ending = Ending::BrokenOff(error.to_string()),
-                Err(error) => return Err(McapError::NotMcap { cause: error.to_string() }),
+                Ok(Ok(record)) => each(record),
+                Err(error) => {
+                    outcome = Ok(Err(error.to_string()));
+                    break;
+                }
             }
         }
-        Ok(None)
+        self.parts.names = names;
+        outcome
     }
 
-    fn read_record(&mut self, record: Record<'_>) -> Result<Option<Item>, McapError> {
-        match record {
-            Record::Schema { header, .. } => {
-                self.schemas.insert(header.id, header.name);
+    /// Says what is lost so far.
+    fn settle(&mut self) {
+        let lost = &self.parts.lost;
+        if !lost.is_empty() {
+            let mut text = lost.iter().take(LOST_NAMED).cloned().collect::<Vec<_>>().join("; ");
+            if lost.len() > LOST_NAMED {
+                text += &format!("; and {} more", lost.len() - LOST_NAMED);
             }
-            Record::Channel(channel) => {
-                let schema = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
-                let source = Source { topic: channel.topic, encoding: channel.message_encoding, schema };
-                self.channels.insert(channel.id, source);
-            }
-            Record::Message { header, data } => {
-                return Ok(Some(Item::Message {
-                    channel: header.channel_id,
-                    sequence: header.sequence,
-                    log_time: header.log_time,
-                    data: data.into_owned(),
-                }));
-            }
-            Record::Metadata(metadata) => {
-                return Ok(Some(Item::Metadata { name: metadata.name, entries: metadata.metadata }));
-            }
-            Record::Attachment { header, data, .. } => {
-                return Ok(Some(Item::Attachment { name: header.name, data: data.into_owned() }));
-            }
-            _ => {}
+            self.ending = Ending::BrokenOff(text);
         }
-        if self.schemas.len() > CHANNELS_MAX || self.channels.len() > CHANNELS_MAX {
-            return Err(McapError::Channels { bound: CHANNELS_MAX });
-        }
-        Ok(None)
     }
 }
 
@@ -188,6 +310,9 @@ impl<R: Read> Reader<R> {
 struct Timed {
     /// Time from the first one, s.
     frames: Vec<(f64, Frame)>,
+    begin_ns: Option<u64>,
+    /// Number of frames whose time had been.
+    late: usize,
     /// Time that is left out: all of it, and that of held frames, s.
     cut_s: f64,
     held_s: f64,
@@ -196,11 +321,13 @@ struct Timed {
 }
 
 impl Timed {
-    /// Adds a frame at `at_s` of the recording, unless it is held or its time has been.
-    fn add(&mut self, at_s: f64, frame: Frame) {
-        let mut at_s = at_s - self.cut_s;
+    /// Adds a frame of this time, unless it is held or its time has been.
+    fn add(&mut self, origin_ns: u64, frame: Frame) {
+        let begin_ns = *self.begin_ns.get_or_insert(origin_ns);
+        let mut at_s = origin_ns.saturating_sub(begin_ns) as f64 * 1e-9 - self.cut_s;
         if let Some((before_s, last)) = self.frames.last() {
             if at_s <= *before_s {
+                self.late += 1;
                 return;
             }
             let is_held = (last.positions, last.rotations) == (frame.positions, frame.rotations);
@@ -219,14 +346,15 @@ impl Timed {
     }
 }
 
-/// Reads the motion of the skeletons that `ingest` published, in the order in which the person was seen. Other programs write
-/// messages in another order. The motion gets the name `name`.
-pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
-    let mut reader = Reader::new(input);
-    let mut seen: Vec<(u64, Frame)> = Vec::new();
+/// Reads the motion of the skeletons that `ingest` published, in the order of time. The motion gets the name `name`.
+///
+/// # Errors
+/// Returns [`McapError`] if the file is none or too large, or if it holds fewer than two skeletons.
+pub fn parse_mcap(input: impl Read + Seek, name: &str) -> Result<Motion, McapError> {
+    let mut reader = Reader::new(input, |topic| u8::from(topic != "/teleop/skeleton"))?;
+    let mut timed = Timed::default();
     let mut unusable = 0_usize;
-    while let Some(item) = reader.next_item()? {
-        let Item::Message { channel, data, .. } = item else { continue };
+    while let Some(Recorded { channel, data, .. }) = reader.next_message()? {
         let skeletons = reader.source(channel).is_some_and(|source| source.schema == Skeleton::TYPE_NAME.as_str());
         if !skeletons {
             continue;
@@ -236,35 +364,16 @@ pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
             unusable += 1;
             continue;
         };
-        if seen.len() >= FRAMES_MAX {
+        if timed.frames.len() >= FRAMES_MAX {
             return Err(McapError::Frames { bound: FRAMES_MAX });
         }
         // Time at which the person was seen, from the header.
-        seen.push((skeleton.header.origin.0, frame));
+        timed.add(skeleton.header.origin.0, frame);
     }
-    seen.sort_by_key(|(origin, _)| *origin);
-    let begin_ns = seen.first().map_or(0, |(origin, _)| *origin);
-    let mut timed = Timed::default();
-    seen.into_iter().for_each(|(origin, frame)| timed.add((origin - begin_ns) as f64 * 1e-9, frame));
-    let Timed { frames: timed, cut_s, held_s, .. } = timed;
-    let broken = match reader.ending() {
-        Ending::BrokenOff(cause) => Some(cause.clone()),
-        Ending::Open | Ending::Complete | Ending::GoesOn => None,
-    };
+    let Timed { frames: timed, cut_s, held_s, late, .. } = timed;
+    let lost = reader.lost().map(str::to_owned);
     let (Some((last_s, _)), true) = (timed.last(), timed.len() >= 2) else {
-        let source = |source: &Source| match source.schema.as_str() {
-            "" => format!("{} without a schema", source.topic),
-            schema => format!("{} ({schema})", source.topic),
-        };
-        let topics = reader.sources().map(source).take(16).collect::<Vec<_>>().join(", ");
-        let topics = if topics.is_empty() { "none".to_owned() } else { topics };
-        let broken = broken.map_or(String::new(), |cause| format!("; the file is damaged or truncated: {cause}"));
-        return Err(McapError::NoSkeletons {
-            count: timed.len(),
-            layout: Skeleton::TYPE_NAME.as_str(),
-            topics,
-            broken,
-        });
+        return Err(no_skeletons(&reader, timed.len()));
     };
     let rate_hz = ((timed.len() - 1) as f64 / last_s).clamp(RATE_HZ.0, RATE_HZ.1);
     let count = (last_s * rate_hz).round() as usize + 1;
@@ -272,9 +381,8 @@ pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
         return Err(McapError::Frames { bound: FRAMES_MAX });
     }
     let mut warnings = Vec::new();
-    if let Some(cause) = broken {
-        warnings
-            .push(format!("the recording is damaged or truncated ({cause}); it is used up to its last whole chunk"));
+    if let Some(cause) = &lost {
+        warnings.push(format!("the recording is damaged or truncated ({cause}); what is whole is used"));
     }
     if held_s > 0.0 {
         warnings.push(format!("{held_s:.1} s with a held (repeated) frame are left out"));
@@ -282,13 +390,27 @@ pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
     if cut_s > held_s {
         warnings.push(format!("{:.1} s of pauses without a person are left out", cut_s - held_s));
     }
+    if late > 0 {
+        warnings.push(format!("{late} skeletons that were seen before others are left out"));
+    }
     if unusable > 0 {
         warnings.push(format!("{unusable} skeletons without both arms are left out"));
     }
     let frames = (0..count).map(|i| at(&timed, i as f64 / rate_hz)).collect();
     let stature_m = stature_m(&timed[0].1.positions);
-    let guesses = Guesses { scale_m_per_unit: 1.0, unit: "m", stature_m, up: "+Z", warnings };
+    let guesses = Guesses { scale_m_per_unit: 1.0, unit: "m", stature_m, up: "+Z", warnings, lost };
     Ok(Motion { name: name.to_owned(), frame_rate_hz: rate_hz, frames, first: None, has_rotations: true, guesses })
+}
+
+fn no_skeletons(reader: &Reader<impl Read + Seek>, count: usize) -> McapError {
+    let source = |source: &Source| match source.schema.as_str() {
+        "" => format!("{} without a schema", source.topic),
+        schema => format!("{} ({schema})", source.topic),
+    };
+    let topics = reader.sources().map(source).take(16).collect::<Vec<_>>().join(", ");
+    let topics = if topics.is_empty() { "none".to_owned() } else { topics };
+    let broken = reader.lost().map_or(String::new(), |lost| format!("; the file is damaged or truncated: {lost}"));
+    McapError::NoSkeletons { count, layout: Skeleton::TYPE_NAME.as_str(), topics, broken }
 }
 
 /// Returns the frame that gives the recorded limbs with the hinges of `CalibrationMode::Rig`. `None` if an arm is

@@ -3,8 +3,10 @@
 
 use crate::encoder::bytes_of;
 use crate::error::RecordError;
+use crate::file::MESSAGES;
 use crate::inputs::Inputs;
 use crate::read::{Content, Recorded};
+use crate::topic::Topic;
 use config::Loaded;
 use control::STATUS_EVERY;
 use messages::{Header, JOINTS_MAX, JointCommand, JointTarget, Layout, RobotState, Skeleton, Status};
@@ -73,6 +75,7 @@ pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
         control,
         retarget_state: retarget::State::default(),
         control_state: None,
+        newest: 0,
         skeleton: None,
         target: None,
         state: None,
@@ -81,35 +84,44 @@ pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
         last: None,
         found: Compared::default(),
     };
+    let mut read = 0;
     while let Some((_, content)) = recorded.next_message()? {
+        read += u64::from(!matches!(content, Content::Other { .. }));
         stages.compare(content);
         if !stages.found.flaws.is_empty() {
-            return Ok(stages.found);
+            let mut found = stages.found;
+            found.flaws.extend(flaws(&recorded));
+            return Ok(found);
         }
     }
     stages.missing();
     let mut found = stages.found;
-    found.flaws.extend(flaws(&recorded, &found));
+    for (what, counts) in [("target", found.targets), ("command", found.commands)] {
+        if counts.compared == 0 {
+            found.flaws.push(format!("it holds no {what} to compare"));
+        }
+    }
+    let written = recorded.outcome().get(MESSAGES).and_then(|count| count.parse::<u64>().ok());
+    if let Some(written) = written.filter(|written| *written > read) {
+        found.flaws.push(format!("{} of the {written} messages that were recorded are not in it", written - read));
+    }
+    found.flaws.extend(flaws(&recorded));
     Ok(found)
 }
 
-fn flaws(recorded: &Recorded, found: &Compared) -> Vec<String> {
+/// Says what the file and its writer lost.
+fn flaws(recorded: &Recorded) -> Vec<String> {
     let mut flaws = Vec::new();
     match recorded.ending() {
         Ending::BrokenOff(why) => {
-            flaws.push(format!("the file is truncated ({why}): it was compared up to its last complete chunk"));
+            flaws.push(format!("the file is damaged or truncated ({why}): only what is whole was compared"));
         }
         Ending::GoesOn => flaws.push("data after the end of the recording were not compared".to_owned()),
-        Ending::Open | Ending::Complete => {}
+        Ending::Complete => {}
     }
     match recorded.outcome().get("samples_lost").map(String::as_str) {
         None | Some("0") => {}
         Some(lost) => flaws.push(format!("its writer lost {lost} messages")),
-    }
-    for (what, counts) in [("target", found.targets), ("command", found.commands)] {
-        if counts.compared == 0 {
-            flaws.push(format!("it holds no {what} to compare"));
-        }
     }
     flaws
 }
@@ -119,6 +131,8 @@ struct Stages {
     control: control::Config,
     retarget_state: retarget::State,
     control_state: Option<control::State>,
+    /// Sequence of the newest skeleton.
+    newest: u64,
     /// Newest message of each kind that its stage has not taken yet.
     skeleton: Option<Skeleton>,
     target: Option<JointTarget>,
@@ -133,10 +147,16 @@ struct Stages {
 impl Stages {
     fn compare(&mut self, content: Content) {
         match content {
-            Content::Skeleton(skeleton) => self.skeleton = Some(*skeleton),
+            Content::Skeleton(skeleton) => {
+                self.newest = skeleton.header.sequence;
+                self.skeleton = Some(*skeleton);
+            }
             Content::Target(target) => self.retarget(*target),
             Content::State(state) => self.state = Some(*state),
             Content::Inputs(inputs) => self.control(&inputs),
+            // Without the inputs of its tick, a stage made nothing to compare with.
+            Content::Command(command) if self.last != Some(command.k) => self.lacks_inputs(command.k),
+            Content::Status(status) if self.last != Some(status.k) => self.lacks_inputs(status.k),
             Content::Command(command) => {
                 let made = self.command.take();
                 self.found.commands.compared += 1;
@@ -158,7 +178,22 @@ impl Stages {
         }
     }
 
+    fn lacks_inputs(&mut self, k: u64) {
+        let topic = Topic::Inputs.name();
+        self.found.flaws.push(format!("{topic} lacks the inputs of tick {k}, so its outputs cannot be computed"));
+    }
+
     fn retarget(&mut self, recorded: JointTarget) {
+        if self.found.targets.compared == 0 && recorded.header.sequence > 1 {
+            let k = recorded.k;
+            self.found.flaws.push(format!("it begins at tick {k}, and what came before is missing: a run has state"));
+            return;
+        }
+        if recorded.input_sequence > self.newest {
+            let (k, skeleton, topic) = (recorded.k, recorded.input_sequence, Topic::Skeleton.name());
+            self.found.flaws.push(format!("target {k} used skeleton {skeleton}, which {topic} lacks"));
+            return;
+        }
         let skeleton = self.skeleton.take();
         let input = retarget::Input { k: recorded.k, skeleton: skeleton.as_ref() };
         let now = recorded.header.stamp;

@@ -13,6 +13,9 @@ use std::path::Path;
 /// Size at which a chunk is closed, bytes before compression.
 const CHUNK_BYTES: u64 = 1 << 20;
 
+/// Key of the number of messages that `replay` reads back. Another program may have left some out.
+pub(crate) const MESSAGES: &str = "messages";
+
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     pub topic: Topic,
@@ -25,6 +28,8 @@ pub struct Entry {
 pub struct Recording<W: Write + Seek> {
     writer: Writer<W>,
     channels: Vec<u16>,
+    /// Number of messages that `replay` reads back.
+    own: u64,
 }
 
 impl<W: Write + Seek> Recording<W> {
@@ -61,7 +66,7 @@ impl<W: Write + Seek> Recording<W> {
             channels.push(channel.map_err(RecordError::write)?);
         }
         writer.flush().map_err(RecordError::write)?;
-        Ok(Self { writer, channels })
+        Ok(Self { writer, channels, own: 0 })
     }
 
     pub fn add(&mut self, entry: &Entry) -> Result<(), RecordError> {
@@ -71,16 +76,20 @@ impl<W: Write + Seek> Recording<W> {
             log_time: entry.log_time,
             publish_time: entry.log_time,
         };
-        self.writer.write_to_known_channel(&header, &entry.data).map_err(RecordError::write)
+        self.writer.write_to_known_channel(&header, &entry.data).map_err(RecordError::write)?;
+        self.own += u64::from(entry.topic <= Topic::Inputs);
+        Ok(())
     }
 
     pub fn flush(&mut self) -> Result<(), RecordError> {
         self.writer.flush().map_err(RecordError::write)
     }
 
-    /// Closes the file, with `last` as a second table of metadata.
+    /// Closes the file, with `last` and the number of messages as a second table of metadata.
     pub fn finish(&mut self, last: &BTreeMap<String, String>) -> Result<(), RecordError> {
-        let metadata = mcap::records::Metadata { name: crate::OUTCOME.to_owned(), metadata: last.clone() };
+        let mut metadata = last.clone();
+        metadata.insert(MESSAGES.to_owned(), self.own.to_string());
+        let metadata = mcap::records::Metadata { name: crate::OUTCOME.to_owned(), metadata };
         self.writer.write_metadata(&metadata).map_err(RecordError::write)?;
         self.writer.finish().map(drop).map_err(RecordError::write)
     }

@@ -45,8 +45,8 @@ fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
     let (recording, broken_off) = record::recording_view(file, &loaded.model).map_err(Failure::with(Exit::NoInput))?;
     let mut name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if let Some(why) = broken_off {
-        err!("record: {} is truncated ({why}); it is shown up to there", file.display());
-        name.push_str(", which is truncated");
+        err!("record: {} is damaged or truncated ({why}); what is whole is shown", file.display());
+        name.push_str(", which is damaged or truncated");
     }
     let server = view::Server::recording(recording, &name, &shown, cli.port);
     let server = server.map_err(|error| match error {
@@ -72,16 +72,15 @@ fn summary(cli: &Cli, file: &Path) -> Result<(), Failure> {
     let names = loaded.as_ref().map_or_else(|_| Names::default(), |loaded| Names::from_model(&loaded.model));
     let summary = Summary::read(recorded, &names).map_err(Failure::with(Exit::NoInput))?;
     out!("{}", summary.text().trim_end());
-    if let (true, Some(why)) = (summary.counts.is_empty(), summary.broken_off()) {
-        let text = format!("{}: is damaged or truncated before its first whole chunk ({why})", file.display());
-        return Err(Failure::new(Exit::NoInput, text));
+    let lost = |why| Failure::new(Exit::DataErr, format!("{} is damaged or truncated: {why}", file.display()));
+    let lost = summary.broken_off().map(lost);
+    if let Some(picture) = cli.plot.as_ref().filter(|_| lost.is_none() || !summary.counts.is_empty()) {
+        let loaded = loaded?;
+        let title = format!("{}, {:.1} s", file.display(), summary.duration_s());
+        record::plot(picture, &summary.trace, &loaded.model, &title).map_err(Failure::with(Exit::CantCreate))?;
+        out!("picture   {}", picture.display());
     }
-    let Some(picture) = &cli.plot else { return Ok(()) };
-    let loaded = loaded?;
-    let title = format!("{}, {:.1} s", file.display(), summary.duration_s());
-    record::plot(picture, &summary.trace, &loaded.model, &title).map_err(Failure::with(Exit::CantCreate))?;
-    out!("picture   {}", picture.display());
-    Ok(())
+    lost.map_or(Ok(()), Err)
 }
 
 fn check(cli: &Cli) -> Result<(), Failure> {

@@ -5,11 +5,10 @@ use crate::inputs::Inputs;
 use crate::topic::Topic;
 use crate::{ABOUT, OUTCOME};
 use messages::{JointCommand, JointTarget, Message, RobotState, Skeleton, Status};
-use motion::mcap::{Ending, Item, Reader};
+use motion::mcap::{Ending, Reader};
 use robot::Model;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 #[derive(Clone, Debug, PartialEq)]
@@ -27,70 +26,29 @@ pub enum Content {
     },
 }
 
-/// Most bytes of messages that are sorted in memory: half an hour of a whole run.
-const SORTED_BYTES_MAX: u64 = 1 << 30;
+/// Largest `Inputs` that are read, bytes. Those of a tick have some 600, also with payloads.
+const INPUTS_BYTES_MAX: usize = 1 << 14;
 
 /// The messages of a recording in the order of their time, with its tables. Other programs write messages topic by topic, or
 /// the tables last.
 pub struct Recorded {
     file: PathBuf,
-    reader: Reader<BufReader<File>>,
+    reader: Reader<File>,
     about: BTreeMap<String, String>,
     outcome: BTreeMap<String, String>,
-    /// All messages, if the file has them in another order.
-    sorted: Option<std::vec::IntoIter<(u64, Content)>>,
 }
 
 impl Recorded {
-    /// Opens a recording, and reads it once to find its tables and the order of its messages.
+    /// Opens a recording, and reads the heads of its parts.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
-        let mut recorded = Self::begin(path)?;
-        let (mut ordered, mut newest, mut bytes) = (true, 0, 0_u64);
-        while let Some(item) = recorded.item()? {
-            match item {
-                Item::Message { log_time, data, .. } => {
-                    (ordered, newest) = (ordered && log_time >= newest, newest.max(log_time));
-                    bytes += data.len() as u64;
-                }
-                Item::Metadata { name, entries } if name == ABOUT => recorded.about = entries,
-                Item::Metadata { name, entries } if name == OUTCOME => recorded.outcome = entries,
-                Item::Metadata { .. } | Item::Attachment { .. } => {}
-            }
-        }
-        let again = Self::begin(path)?;
-        let mut recorded = Self { about: recorded.about, outcome: recorded.outcome, ..again };
-        if !ordered {
-            recorded.sort(bytes)?;
-        }
-        Ok(recorded)
-    }
-
-    fn begin(path: &Path) -> Result<Self, RecordError> {
         let open = |error: std::io::Error| RecordError::Open { cause: rt::unreadable(path, &error) };
         if !std::fs::metadata(path).map_err(open)?.is_file() {
             return Err(open(std::io::Error::other("is not a regular file")));
         }
-        let reader = Reader::new(BufReader::new(File::open(path).map_err(open)?));
-        let (about, outcome) = (BTreeMap::new(), BTreeMap::new());
-        Ok(Self { file: path.to_path_buf(), reader, about, outcome, sorted: None })
-    }
-
-    /// Sorts all messages by their time. Those of one tick come in the order in which the stages take and make them.
-    fn sort(&mut self, bytes: u64) -> Result<(), RecordError> {
-        if bytes > SORTED_BYTES_MAX {
-            let cause = format!(
-                "its messages are not in the order of their time, and {bytes} bytes are more than the {SORTED_BYTES_MAX} that \
-                 are sorted here; `pymcap-cli sort` writes them in that order"
-            );
-            return Err(RecordError::Lacks { file: self.file.display().to_string(), cause });
-        }
-        let mut all = Vec::new();
-        while let Some(message) = self.read()? {
-            all.push(message);
-        }
-        all.sort_by_key(|(log_time, content)| (*log_time, content.rank()));
-        self.sorted = Some(all.into_iter());
-        Ok(())
+        let reader = Reader::new(File::open(path).map_err(open)?, rank);
+        let reader = reader.map_err(|source| RecordError::Read { file: path.display().to_string(), source })?;
+        let table = |name| reader.table(name).cloned().unwrap_or_default();
+        Ok(Self { file: path.to_path_buf(), about: table(ABOUT), outcome: table(OUTCOME), reader })
     }
 
     /// Returns the table of the run's settings.
@@ -119,60 +77,37 @@ impl Recorded {
         self.reader.ending()
     }
 
-    /// Returns the reason if the file breaks off.
+    /// Returns what is lost if the file is damaged or truncated.
     pub(crate) fn broken_off(&self) -> Option<String> {
-        match self.ending() {
-            Ending::BrokenOff(why) => Some(why.clone()),
-            Ending::Open | Ending::Complete | Ending::GoesOn => None,
-        }
+        self.reader.lost().map(str::to_owned)
     }
 
     pub fn next_message(&mut self) -> Result<Option<(u64, Content)>, RecordError> {
-        match &mut self.sorted {
-            Some(sorted) => Ok(sorted.next()),
-            None => self.read(),
-        }
-    }
-
-    fn item(&mut self) -> Result<Option<Item>, RecordError> {
         let file = || self.file.display().to_string();
-        self.reader.next_item().map_err(|source| RecordError::Read { file: file(), source })
-    }
-
-    fn read(&mut self) -> Result<Option<(u64, Content)>, RecordError> {
-        while let Some(item) = self.item()? {
-            let Item::Message { channel, log_time, data, .. } = item else { continue };
-            let Some(source) = self.reader.source(channel) else { continue };
-            let message = decode(&source.topic, &source.encoding, &source.schema, data);
-            let file = || self.file.display().to_string();
-            return Ok(Some((log_time, message.map_err(|cause| RecordError::Lacks { file: file(), cause })?)));
-        }
-        Ok(None)
+        let next = self.reader.next_message().map_err(|source| RecordError::Read { file: file(), source })?;
+        let Some(motion::mcap::Recorded { channel, log_time, data }) = next else { return Ok(None) };
+        let Some(source) = self.reader.source(channel) else { return Ok(None) };
+        let content = decode(&source.topic, &source.encoding, &source.schema, data);
+        Ok(Some((log_time, content.map_err(|cause| RecordError::Lacks { file: file(), cause })?)))
     }
 }
 
-impl Content {
-    /// Place among the messages of one tick: `retarget` takes a skeleton and makes a target, `control` takes both inputs.
-    fn rank(&self) -> u32 {
-        match self {
-            Self::Skeleton(_) => 0,
-            Self::Target(_) => 1,
-            Self::Inputs(_) => 2,
-            Self::Command(_) => 3,
-            Self::Status(_) => 4,
-            Self::State(_) => 5,
-            Self::Other { .. } => 6,
-        }
-    }
+/// Place among the messages of one tick: `retarget` takes a skeleton and makes a target, `control` takes both inputs.
+fn rank(topic: &str) -> u8 {
+    const OF_A_TICK: [Topic; 6] =
+        [Topic::Skeleton, Topic::Target, Topic::Inputs, Topic::Command, Topic::StatusRaw, Topic::State];
+    Topic::named(topic).map_or(u8::MAX, |topic| {
+        let place = OF_A_TICK.iter().position(|known| *known == topic);
+        place.unwrap_or(topic as usize) as u8
+    })
 }
 
 fn decode(topic: &str, encoding: &str, schema: &str, data: Vec<u8>) -> Result<Content, String> {
     let ours = Topic::named(topic).filter(|_| encoding == "teleopd" || topic == Topic::Inputs.name());
     let Some(ours) = ours else { return Ok(Content::Other { topic: topic.to_owned(), data }) };
     if ours == Topic::Inputs {
-        let inputs =
-            Inputs::from_json(&data).ok_or_else(|| format!("{topic}: a message without the keys of Inputs"))?;
-        return Ok(Content::Inputs(inputs));
+        let inputs = Some(&data).filter(|data| data.len() <= INPUTS_BYTES_MAX).and_then(|data| Inputs::from_json(data));
+        return inputs.map(Content::Inputs).ok_or_else(|| format!("{topic}: a message without the keys of Inputs"));
     }
     fn boxed<M: Message>(topic: &str, schema: &str, data: &[u8]) -> Result<Box<M>, String> {
         let (expected, size) = (M::TYPE_NAME, size_of::<M>());

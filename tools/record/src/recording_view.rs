@@ -54,7 +54,7 @@ pub fn recording_view(path: &Path, model: &Model) -> Result<(RecordingView, Opti
     let broken_off = recorded.broken_off();
     if begin_ns.is_none() {
         let cause = match broken_off {
-            Some(why) => format!("it is truncated before the first message: {why}"),
+            Some(why) => format!("it has no whole message: {why}"),
             None => "there is no message in it".to_owned(),
         };
         return Err(RecordError::Lacks { file: path.display().to_string(), cause });

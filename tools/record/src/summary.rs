@@ -94,7 +94,7 @@ impl Summary {
         let _ =
             writeln!(out, "robot     {} ({}), settings {}", about("robot"), about("robot_hash"), about("config_hash"));
         let ended = match (&self.broken_off, self.outcome.is_empty()) {
-            (Some(why), _) => format!("is truncated ({why}): read up to its last complete chunk"),
+            (Some(why), _) => format!("is damaged or truncated ({why}): what is whole was read"),
             (None, true) => "complete".to_owned(),
             (None, false) => {
                 let outcome: Vec<_> = self.outcome.iter().map(|(key, value)| format!("{key} {value}")).collect();

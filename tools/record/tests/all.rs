@@ -2,5 +2,6 @@
 
 mod live;
 mod offline;
+mod others;
 mod support;
 mod viewers;

@@ -195,7 +195,7 @@ fn incomplete_recording_compares_as_not_equal() {
     std::fs::write(&part, &whole[..whole.len() / 2]).unwrap();
     let cut = record::compare(&part, &loaded).expect("a comparison");
     assert!(!cut.equal() && cut.commands.compared > all / 4, "{cut:?}");
-    assert!(cut.flaws.iter().any(|flaw| flaw.starts_with("the file is truncated")), "{cut:?}");
+    assert!(cut.flaws.iter().any(|flaw| flaw.starts_with("the file is damaged or truncated")), "{cut:?}");
     // A second file follows the first in the same file. The messages are equal, but the recording does not end there.
     let long = folder.path().join("long.mcap");
     std::fs::write(&long, [&whole[..], &whole[..]].concat()).unwrap();

@@ -102,7 +102,11 @@ fn recording_of_a_run_compares_equal_and_half_of_it_fails() {
     let compared = run(&["--compare".as_ref(), half.as_ref()]);
     assert_eq!(compared.status.code(), Some(1), "{compared:?}");
     let printed = String::from_utf8_lossy(&compared.stderr);
-    assert!(printed.contains("half.mcap: the file is truncated") && !printed.contains("equal"), "{printed}");
+    assert!(printed.contains("half.mcap: the file is damaged or truncated") && !printed.contains("equal"), "{printed}");
+    let played = run(&[half.as_ref(), "--offline".as_ref(), path("half.csv").as_ref()]);
+    let printed = String::from_utf8_lossy(&played.stderr);
+    assert_eq!(played.status.code(), Some(65), "{printed}");
+    assert!(printed.contains("there is no end") && printed.contains("the rest was played"), "{printed}");
 }
 
 #[test]

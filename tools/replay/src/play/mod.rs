@@ -36,7 +36,10 @@ fn play(cli: &mut Cli) -> Result<(), Failure> {
     match &cli.offline {
         Some(out) => offline::run(cli, &motion, out),
         None => live::run(cli, &motion),
-    }
+    }?;
+    let file = cli.file.as_deref().unwrap_or(Path::new("")).display();
+    let lost = |why| Failure::new(Exit::DataErr, format!("{file} is damaged or truncated: {why}; the rest was played"));
+    motion.guesses.lost.as_ref().map(lost).map_or(Ok(()), Err)
 }
 
 /// Returns the motion to play. A joint trajectory becomes a person with the limb rotations of the robot's
