@@ -27,17 +27,17 @@ pub const PACKET_MAX: usize = 16 << 10;
 pub enum Refused {
     #[error("from another protocol")]
     Protocol,
-    /// A message of VMC about this bone.
-    #[error("with a value for the bone {0} that is not a number")]
-    Bone(&'static str),
+    /// A message of VMC. Its address, the bone or the empty text, the value's name, and what stands there.
+    #[error("with {3} for {2} of {0} {1}, where a number must be")]
+    Value(&'static str, &'static str, &'static str, &'static str),
+    #[error("whose first value of {0} is no name")]
+    Name(&'static str),
     #[error("of a length that differs from its header")]
     Length,
     #[error("older than the previous one")]
     Late,
     #[error("with a repeated segment")]
     Twice,
-    #[error("with NaN or infinity")]
-    NotANumber,
     /// Another sender holds the turn. Only one is accepted at a time.
     #[error("from another sender")]
     Stranger,

@@ -81,9 +81,6 @@ impl Protocol for Mvn {
             if seen & bit != 0 {
                 return Err(Refused::Twice);
             }
-            if !numbers(item).iter().all(|x| x.is_finite()) {
-                return Err(Refused::NotANumber);
-            }
             seen |= bit;
         }
         if seen == 0 {
@@ -98,7 +95,12 @@ impl Protocol for Mvn {
         for item in items.chunks_exact(ITEM) {
             let Some(i) = segment(item) else { continue };
             let [x, y, z, q @ ..] = numbers(item);
-            (self.frame.positions[i], self.frame.rotations[i]) = ([x, y, z], q);
+            // NaN and a quaternion of zeros mark a segment that is not seen.
+            let is_seen = [x, y, z].iter().chain(&q).all(|x| x.is_finite()) && q != [0.0; 4];
+            self.frame.confidence[i] = f32::from(u8::from(is_seen));
+            if is_seen {
+                (self.frame.positions[i], self.frame.rotations[i]) = ([x, y, z], q);
+            }
         }
         self.seen |= seen;
         if self.seen == ALL {
@@ -192,8 +194,6 @@ mod tests {
         assert!(take(&mut mvn, &packet(7, 0, 0, &items[..10])).1.is_empty());
         let mut twice = items[10..].to_vec();
         twice[1].0 = twice[0].0;
-        let mut nan = items[10..].to_vec();
-        nan[3].1[2] = f32::NAN;
         let mut longer = good.clone();
         longer.push(0);
         let mut says_more = good.clone();
@@ -201,7 +201,6 @@ mod tests {
         for (bytes, refused) in [
             (&packet(7, 0x81, 0, &twice)[..], Refused::Twice),
             (&packet(7, 0x81, 0, &items[9..]), Refused::Twice),
-            (&packet(7, 0x81, 0, &nan), Refused::NotANumber),
             (&packet(6, 0x80, 0, &items), Refused::Late),
             (&longer, Refused::Length),
             (&says_more, Refused::Length),
@@ -238,6 +237,21 @@ mod tests {
     }
 
     #[test]
+    fn segment_that_is_marked_as_not_seen_is_held_without_confidence() {
+        for mark in [[f32::NAN; 7], [0.0; 7], [1.0, 1.0, f32::INFINITY, 1.0, 0.0, 0.0, 0.0]] {
+            let (mut mvn, items) = (Mvn::new(None), items());
+            let (_, before) = take(&mut mvn, &packet(1, 0x80, 0, &items));
+            let mut marked = items.clone();
+            marked[13].1 = mark;
+            let (_, frames) = take(&mut mvn, &packet(2, 0x80, 0, &marked));
+            let mut held = before[0];
+            held.confidence[13] = 0.0;
+            assert_eq!(frames, [held], "{mark:?}");
+            assert_eq!(take(&mut mvn, &packet(3, 0x80, 0, &items)).1, before, "seen again");
+        }
+    }
+
+    #[test]
     fn first_character_with_a_body_is_followed_per_sender() {
         let items = items();
         let fingers: Vec<Item> = vec![(30, [0.5; 7])];
@@ -245,9 +259,9 @@ mod tests {
         for none in [packet(1, 0x80, 5, &[]), packet(1, 0x80, 6, &fingers)] {
             assert_eq!(take(&mut mvn, &none), (Ok(Taken::Aside), vec![]));
         }
-        let mut nan = items.clone();
-        nan[3].1[2] = f32::NAN;
-        assert_eq!(take(&mut mvn, &packet(1, 0x80, 7, &nan)).0, Err(Refused::NotANumber));
+        let mut twice = items.clone();
+        twice[3].0 = 1;
+        assert_eq!(take(&mut mvn, &packet(1, 0x80, 7, &twice)).0, Err(Refused::Twice));
         assert_eq!(take(&mut mvn, &packet(1, 0x80, 2, &items)).1.len(), 1, "the first that has a body");
         assert_eq!(take(&mut mvn, &packet(2, 0x80, 5, &items)), (Err(Refused::Character), vec![]));
         assert_eq!(take(&mut mvn.for_new_sender(), &packet(1, 0x80, 5, &items)).1.len(), 1, "another sender's");

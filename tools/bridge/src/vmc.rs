@@ -1,8 +1,11 @@
 //! VMC (Virtual Motion Capture): local transforms of Unity's bones as OSC messages.
 //!
 //! `/VMC/Ext/Root/Pos` and `/VMC/Ext/Bone/Pos` have a name, a position (m) and a quaternion x y z w.
-//! `/VMC/Ext/T` ends a frame. If a sender omits it, the next hips end the frame. `/VMC/Ext/OK 0` means that no
-//! person is tracked. (Virtual Motion Capture Protocol 2.7.)
+//! `/VMC/Ext/T` ends a frame. If a sender omits it, the next hips end the frame. `/VMC/Ext/OK` has whether a person is there,
+//! the state of calibration, its mode, and whether the person is tracked. (Virtual Motion Capture Protocol 3.1.)
+//!
+//! A bone is not seen if it does not arrive, or has NaN or a quaternion of zeros. So is an arm whose bones are all the
+//! identity, which is the rest pose, after they were not. Such an arm is held, and other bones keep their rotation.
 
 use crate::{Protocol, Refused, Taken, empty};
 use messages::{RawSkeleton, SkeletonLayout, raw_flag};
@@ -37,8 +40,19 @@ const BONES: [(&str, usize); 22] = [
 const HIPS: usize = 0;
 /// Number of bones of `HumanBodyBones`.
 const COUNT: usize = 55;
+/// Upper arm, lower arm and hand of each side.
+const ARMS: [[usize; 3]; 2] = [[13, 15, 17], [14, 16, 18]];
 /// Bits of both upper and both lower arms. A frame without them moves no arms.
-const ARMS: u64 = 0b1111 << 13;
+const ARM_BITS: u64 = 0b1111 << 13;
+/// States of calibration in which a sender waits for a pose or measures it. Its bones then rest.
+const CALIBRATES: [f32; 2] = [1.0, 2.0];
+/// Names of the values of a transform.
+const VALUES: [&str; 7] = ["p.x", "p.y", "p.z", "q.x", "q.y", "q.z", "q.w"];
+
+const ROOT: &str = "/VMC/Ext/Root/Pos";
+const BONE: &str = "/VMC/Ext/Bone/Pos";
+const TIME: &str = "/VMC/Ext/T";
+const STATE: &str = "/VMC/Ext/OK";
 
 /// A position (m) and a rotation. The algebra is the same for left-handed and right-handed axes.
 type Transform = Isometry3<f32>;
@@ -51,6 +65,8 @@ pub struct Vmc {
     seen: u64,
     frame: RawSkeleton,
     absent: bool,
+    /// True for each arm that was away from the rest pose.
+    moved: [bool; 2],
     time: Option<f32>,
     restarts: u64,
 }
@@ -60,18 +76,16 @@ impl Vmc {
         let mut frame = empty(SkeletonLayout::UnityHumanoid, COUNT, raw_flag::ROTATIONS | raw_flag::LOCAL);
         frame.rotations[..COUNT].fill([0.0, 0.0, 0.0, 1.0]);
         let (root, hips) = (Transform::identity(), Transform::identity());
-        Self { root, hips, seen: 0, frame, absent: false, time: None, restarts: 0 }
+        Self { root, hips, seen: 0, frame, absent: false, moved: [false; 2], time: None, restarts: 0 }
     }
 
     fn message(&mut self, message: &OscMessage, publish: &mut dyn FnMut(&RawSkeleton)) -> Result<(), Refused> {
         match message.addr.as_str() {
-            "/VMC/Ext/Root/Pos" => {
-                self.root = named(&message.args)?.1.unwrap_or(self.root);
+            ROOT => {
+                self.root = named(ROOT, &message.args)?.1.unwrap_or(self.root);
             }
-            "/VMC/Ext/Bone/Pos" => {
-                let (name, transform) = named(&message.args)?;
-                let Some(&(_, bone)) = BONES.iter().find(|(known, _)| *known == name) else { return Ok(()) };
-                let Some(transform) = transform else { return Ok(()) };
+            BONE => {
+                let (Some(bone), Some(transform)) = named(BONE, &message.args)? else { return Ok(()) };
                 if self.seen & 1 << bone != 0 {
                     // A new round has begun.
                     self.complete(publish);
@@ -83,8 +97,8 @@ impl Vmc {
                 }
                 self.seen |= 1 << bone;
             }
-            "/VMC/Ext/T" => {
-                let Some(time) = message.args.first().and_then(number) else { return Err(Refused::Protocol) };
+            TIME => {
+                let time = value(TIME, "", "the time", message.args.first())?;
                 // Time since the sender's start. A smaller value indicates a restart.
                 if self.time.replace(time).is_some_and(|before| time < before) {
                     // Later frames belong to another session.
@@ -94,9 +108,12 @@ impl Vmc {
                 }
                 self.complete(publish);
             }
-            "/VMC/Ext/OK" => {
-                let Some(loaded) = message.args.first().and_then(number) else { return Err(Refused::Protocol) };
-                self.absent = loaded == 0.0;
+            STATE => {
+                let loaded = value(STATE, "", "loaded", message.args.first())?;
+                let [calibration, tracked] = [1, 3].map(|at| message.args.get(at).and_then(number));
+                self.absent = loaded == 0.0
+                    || calibration.is_some_and(|state| CALIBRATES.contains(&state))
+                    || tracked == Some(0.0);
             }
             // Blend shapes, cameras, controllers and other messages.
             _ => {}
@@ -108,15 +125,19 @@ impl Vmc {
     /// reported as valid.
     fn complete(&mut self, publish: &mut dyn FnMut(&RawSkeleton)) {
         let seen = std::mem::take(&mut self.seen);
-        if self.absent || seen & 1 << HIPS == 0 || seen & ARMS == 0 {
+        if self.absent || seen & 1 << HIPS == 0 || seen & ARM_BITS == 0 {
             return;
         }
         let Transform { translation, rotation } = self.root * self.hips;
         self.frame.positions[HIPS] = translation.vector.into();
         self.frame.rotations[HIPS] = rotation.coords.into();
         self.frame.confidence[..COUNT].fill(1.0);
-        for bone in (13..=18).filter(|bone| seen & 1 << bone == 0) {
-            self.frame.confidence[bone] = 0.0;
+        for (arm, moved) in ARMS.iter().zip(&mut self.moved) {
+            let rests = arm.iter().all(|&bone| self.frame.rotations[bone] == [0.0, 0.0, 0.0, 1.0]);
+            *moved |= !rests;
+            for &bone in arm.iter().filter(|&bone| rests && *moved || seen & 1 << bone == 0) {
+                self.frame.confidence[bone] = 0.0;
+            }
         }
         publish(&self.frame);
     }
@@ -169,39 +190,55 @@ fn check(packet: &OscPacket) -> Result<Taken, Refused> {
             return bundle.content.iter().try_fold(Taken::Aside, |taken, packet| Ok(taken.max(check(packet)?)));
         }
     };
-    let good = match message.addr.as_str() {
-        "/VMC/Ext/Root/Pos" | "/VMC/Ext/Bone/Pos" => named(&message.args).map(|_| true)?,
-        "/VMC/Ext/T" | "/VMC/Ext/OK" => message.args.first().and_then(number).is_some(),
-        other if other.starts_with("/VMC/Ext/") => true,
+    match message.addr.as_str() {
+        ROOT => drop(named(ROOT, &message.args)?),
+        BONE => drop(named(BONE, &message.args)?),
+        TIME => drop(value(TIME, "", "the time", message.args.first())?),
+        STATE => drop(value(STATE, "", "loaded", message.args.first())?),
+        other if other.starts_with("/VMC/Ext/") => {}
         _ => return Ok(Taken::Aside),
-    };
-    if good { Ok(Taken::Person) } else { Err(Refused::Protocol) }
+    }
+    Ok(Taken::Person)
 }
 
-/// A number as a sender's OSC library tags it: JavaScript's and Python's tag whole numbers as integers.
+/// A number as a sender's OSC library tags it. JavaScript's and Python's tag whole numbers as integers, and truth values and
+/// nothing have tags of their own. Nothing and infinity are marks of what is not seen.
 fn number(value: &OscType) -> Option<f32> {
     match *value {
         OscType::Float(x) => Some(x),
         OscType::Double(x) => Some(x as f32),
         OscType::Int(x) => Some(x as f32),
         OscType::Long(x) => Some(x as f32),
+        OscType::Bool(x) => Some(f32::from(u8::from(x))),
+        OscType::Nil | OscType::Inf => Some(f32::NAN),
         _ => None,
     }
 }
 
-/// Parses a name and a transform. It is None if a value is NaN or infinite, or the rotation is zero: senders mark bones so that
-/// they do not see. The remaining values (scale and offset of the root) do not concern the person.
-fn named(args: &[OscType]) -> Result<(&str, Option<Transform>), Refused> {
-    let Some((OscType::String(name), values)) = args.split_first() else { return Err(Refused::Protocol) };
-    let bone = BONES.iter().find(|(known, _)| known == name).map_or("of another name", |(known, _)| known);
+/// Returns the number of a message, or its address, bone and name with what stands there instead.
+fn value(address: &'static str, bone: &'static str, name: &'static str, at: Option<&OscType>) -> Result<f32, Refused> {
+    let found = match at {
+        None => "nothing",
+        Some(OscType::String(_) | OscType::Char(_)) => "a text",
+        Some(OscType::Array(_)) => "a list",
+        Some(_) => "another type",
+    };
+    at.and_then(number).ok_or(Refused::Value(address, bone, name, found))
+}
+
+/// Parses the bone, if it is one of the body, and a transform. It is None if a value is NaN or infinite, or the rotation is
+/// zero. The remaining values (scale and offset of the root) do not concern the person. VRM writes names with a small letter.
+fn named(address: &'static str, args: &[OscType]) -> Result<(Option<usize>, Option<Transform>), Refused> {
+    let Some((OscType::String(name), values)) = args.split_first() else { return Err(Refused::Name(address)) };
+    let bone = BONES.iter().find(|(known, _)| known.eq_ignore_ascii_case(name));
     let mut all = [0.0; 7];
     for (n, x) in all.iter_mut().enumerate() {
-        *x = values.get(n).and_then(number).ok_or(Refused::Bone(bone))?;
+        *x = value(address, bone.map_or("", |(known, _)| known), VALUES[n], values.get(n))?;
     }
     let [x, y, z, i, j, k, w] = all;
     let seen = all.iter().all(|x| x.is_finite()) && [i, j, k, w] != [0.0; 4];
     let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
-    Ok((name, seen.then(|| Transform::from_parts([x, y, z].into(), rotation))))
+    Ok((bone.map(|(_, bone)| *bone), seen.then(|| Transform::from_parts([x, y, z].into(), rotation))))
 }
 
 #[cfg(test)]
@@ -298,6 +335,31 @@ mod tests {
     }
 
     #[test]
+    fn arm_that_returns_to_the_rest_pose_is_not_seen_and_so_is_a_person_without_tracking() {
+        let mut vmc = Vmc::new();
+        let rest = |time: f32| {
+            let mut all = body(time);
+            for (name, _) in BONES.iter().filter(|(name, _)| name.starts_with("Left")) {
+                let place = 1 + BONES.iter().position(|(known, _)| known == name).expect("a bone");
+                all[place] = bone(BONE, name, STILL);
+            }
+            bytes(all)
+        };
+        assert_eq!(take(&mut vmc, &rest(1.0)).1[0].confidence[13..=18], [1.0; 6], "a T-pose at the start");
+        assert_eq!(take(&mut vmc, &bytes(body(2.0))).1[0].confidence[13..=18], [1.0; 6]);
+        assert_eq!(take(&mut vmc, &rest(3.0)).1[0].confidence[13..=18], [0.0, 1.0, 0.0, 1.0, 0.0, 1.0]);
+        // Waiting for calibration, calibrating, not tracked; then a truth value, and calibrated and tracked.
+        let whole = [[1, 1, 0, 1], [1, 2, 0, 1], [1, 3, 0, 0], [1, 3, 0, 1]];
+        let mut states: Vec<_> = whole.iter().map(|state| state.map(OscType::Int).to_vec()).collect();
+        states.insert(3, vec![OscType::Bool(false)]);
+        for (n, (state, count)) in states.into_iter().zip([0, 0, 0, 0, 1]).enumerate() {
+            let mut all = body(4.0 + n as f32);
+            all.insert(0, message(STATE, state.clone()));
+            assert_eq!(take(&mut vmc, &bytes(all)).1.len(), count, "{state:?}");
+        }
+    }
+
+    #[test]
     fn frame_without_a_time_message_ends_at_the_next_round() {
         let mut vmc = Vmc::new();
         let round: Vec<_> = body(1.0)
@@ -336,9 +398,16 @@ mod tests {
         let mut rest = encoder::encode(&message("/VMC/Ext/T", vec![OscType::Float(1.0)])).expect("a packet");
         rest.extend([0; 4]);
         for (packet, refused) in [
-            (bytes(vec![message("/VMC/Ext/Bone/Pos", vec![OscType::String("Hips".into()); 3])]), Refused::Bone("Hips")),
-            (bytes(vec![message("/VMC/Ext/T", vec![])]), Refused::Protocol),
-            (bytes(vec![message("/VMC/Ext/OK", vec![OscType::String("1".into())])]), Refused::Protocol),
+            (
+                bytes(vec![message("/VMC/Ext/Bone/Pos", vec![OscType::String("Hips".into()); 3])]),
+                Refused::Value(BONE, "Hips", "p.x", "a text"),
+            ),
+            (bytes(vec![message(BONE, vec![OscType::Int(1)])]), Refused::Name(BONE)),
+            (bytes(vec![message(TIME, vec![])]), Refused::Value(TIME, "", "the time", "nothing")),
+            (
+                bytes(vec![message(STATE, vec![OscType::String("1".into())])]),
+                Refused::Value(STATE, "", "loaded", "a text"),
+            ),
             (bytes(vec![inner]), Refused::Protocol),
             (b"MXTP02".to_vec(), Refused::Protocol),
             (rest, Refused::Length),
@@ -350,6 +419,9 @@ mod tests {
         assert_eq!(take(&mut vmc, &bytes(vec![message("/avatar/parameters/x", vec![])])).0, Ok(Taken::Aside));
         let mut half = body(1.0);
         half.push(message("/VMC/Ext/OK", vec![]));
-        assert_eq!(take(&mut vmc, &bytes(half)), (Err(Refused::Protocol), vec![]), "a person, and then what is wrong");
+        let refused = Refused::Value(STATE, "", "loaded", "nothing");
+        assert_eq!(take(&mut vmc, &bytes(half)), (Err(refused), vec![]), "a person, and then what is wrong");
+        let sentence = Refused::Value(BONE, "Hips", "q.x", "a text").to_string();
+        assert_eq!(sentence, "with a text for q.x of /VMC/Ext/Bone/Pos Hips, where a number must be");
     }
 }
