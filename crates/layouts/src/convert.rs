@@ -3,6 +3,7 @@
 use crate::closure::closure;
 use crate::map::{Layouts, Map, NONE, Sends};
 use crate::neutral::{COLLAR, HIPS_PER_SHOULDERS, OFFSET_M, UP_THE_TRUNK};
+use crate::unseen;
 use messages::{
     HingeCalibration, Layout, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SMPL_OTHER_SIDE, SMPL_PARENT, SkeletonLayout,
     Smpl, raw_flag, with_closure,
@@ -31,7 +32,8 @@ struct Body {
 
 impl Layouts {
     /// Converts the frame to SMPL-22 in our axes. Header, session, person and all data outside the layout stay
-    /// unchanged. A frame of SMPL-22 with positions or global rotations is returned unchanged. NaN stays NaN.
+    /// unchanged. A joint that is marked as not seen, by NaN or zeros, loses its confidence. A frame of SMPL-22 with positions
+    /// or global rotations is otherwise returned unchanged.
     ///
     /// ```
     /// use layouts::{Layouts, Refusal};
@@ -49,10 +51,13 @@ impl Layouts {
     /// # Errors
     /// Returns [`Refusal`] if the layout is unknown, or if the frame does not match its layout.
     pub fn convert(&self, raw: &RawSkeleton) -> Result<RawSkeleton, Refusal> {
+        let map = self.find(raw.layout).ok_or(Refusal::Layout)?;
+        let mut settled = *raw;
+        unseen::settle(map, &mut settled);
         if raw.layout == SkeletonLayout::Smpl22 as u32 && raw.flags & raw_flag::LOCAL == 0 {
-            return Ok(*raw);
+            return Ok(settled);
         }
-        convert(self.find(raw.layout).ok_or(Refusal::Layout)?, raw)
+        convert(map, &settled)
     }
 }
 

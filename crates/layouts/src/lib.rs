@@ -27,6 +27,7 @@ mod map;
 mod neutral;
 mod noise;
 mod outlier;
+mod unseen;
 
 pub use axes::{Axes, Direction};
 pub use convert::Refusal;

@@ -153,7 +153,7 @@ fn f119_robot_stands_under_the_clutch_of_the_frames_and_then_moves_slowly_to_the
 /// Name, and the function that changes a frame.
 type Lie = (&'static str, Box<dyn FnMut(&mut RawSkeleton)>);
 
-fn lies() -> [Lie; 12] {
+fn lies() -> [Lie; 10] {
     let mut frozen: Option<RawSkeleton> = None;
     let mut rng = Pcg64Mcg::seed_from_u64(7);
     let jumps = |f: &mut RawSkeleton| {
@@ -169,8 +169,6 @@ fn lies() -> [Lie; 12] {
         f.positions.iter_mut().flatten().for_each(|c| *c += rng.random_range(-0.05..0.05));
     };
     [
-        ("f001", Box::new(|f| f.positions[20][1] = f32::NAN)),
-        ("f002", Box::new(|f| f.rotations[17][3] = f32::NEG_INFINITY)),
         ("f003", Box::new(|f| f.positions[4][2] = 3e38)),
         ("f004", Box::new(|f| f.rotations[18][0] = 0.9)),
         ("f006", Box::new(|f| stretch(f, 1.2))),
@@ -196,7 +194,7 @@ fn stretch(f: &mut RawSkeleton, factor: f32) {
 }
 
 #[test]
-fn f001_f002_f003_f004_f006_f007_f009_f010_f012_f013_f016_f017_f018_bad_input_of_400_ms_needs_new_enable() {
+fn f003_f004_f006_f007_f009_f010_f012_f013_f016_f017_f018_bad_input_of_400_ms_needs_new_enable() {
     for (name, mut lie) in lies() {
         let mut bench = ENGAGED.clone();
         let mut spoil = |f: &mut RawSkeleton| {
@@ -221,6 +219,30 @@ fn f001_f002_f003_f004_f006_f007_f009_f010_f012_f013_f016_f017_f018_bad_input_of
         assert_eq!(bench.modes, [Mode::Engaged, Mode::Holding, Mode::Disengaged], "{name}");
         assert!([Transition::AT_REST, Fault::PersonChanged as u32].contains(&bench.why()), "{name}");
         assert!(bench.speed() < 1e-9, "{name}");
+        bench.assert_no_violations(name);
+    }
+}
+
+#[test]
+fn f001_f002_f011_arm_without_numbers_holds_and_goes_on_once_it_is_seen() {
+    let marks: [(&str, fn(&mut RawSkeleton)); 2] =
+        [("f001", |f| f.positions[20][1] = f32::NAN), ("f002", |f| f.rotations[17][3] = f32::NEG_INFINITY)];
+    for (name, mark) in marks {
+        let mut bench = ENGAGED.clone();
+        let mut spoil = |f: &mut RawSkeleton| {
+            mark(f);
+            true
+        };
+        bench.run(TICK_HZ, &mut spoil);
+        assert_eq!(
+            bench.modes.iter().filter(|mode| **mode == Mode::Disengaged).count(),
+            0,
+            "{name}: {:?}",
+            bench.modes
+        );
+        assert!(bench.speed() < 1e-9, "{name}");
+        bench.run(6 * TICK_HZ, &mut |_| true);
+        assert_eq!(bench.mode, Mode::Engaged, "{name}: {:?}", bench.modes);
         bench.assert_no_violations(name);
     }
 }

@@ -43,15 +43,9 @@ struct Sent {
 
 impl Sent {
     fn new(raw: &RawSkeleton) -> Self {
-        let vouched = |joint: usize| raw.confidence[joint] >= CONFIDENCE;
-        let wrong = |joint: usize| vouched(joint) && raw.positions[joint].iter().any(|x| !x.is_finite());
-        let mut unusable = None;
-        if (0..SMPL_JOINTS).any(wrong) {
-            unusable = Some("a NaN or infinite position");
-        }
-        if raw.flags & raw_flag::MIRRORED != 0 {
-            unusable = Some("a mirrored frame");
-        }
+        let vouched =
+            |joint: usize| raw.confidence[joint] >= CONFIDENCE && raw.positions[joint].iter().all(|x| x.is_finite());
+        let unusable = (raw.flags & raw_flag::MIRRORED != 0).then_some("a mirrored frame");
         let mut guessed = 0;
         for (limb, ends) in ENDS.iter().enumerate() {
             guessed |= u32::from(ends.iter().any(|&joint| !vouched(joint))) << limb;
