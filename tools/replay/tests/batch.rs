@@ -46,7 +46,10 @@ fn folders() -> (tempfile::TempDir, PathBuf, PathBuf) {
 fn cli(input: &Path, out: &Path, more: &[&str]) -> Cli {
     let (robot, weights) = (robot(), weights());
     let paths = ["--input", &input.to_string_lossy(), "--out", &out.to_string_lossy()].map(str::to_owned);
-    let config = ["--robot", &robot.to_string_lossy(), "--weights", &weights.to_string_lossy()].map(str::to_owned);
+    let mut config = vec!["--robot".to_owned(), robot.to_string_lossy().into_owned()];
+    if !more.contains(&"--safe") {
+        config.extend(["--weights".to_owned(), weights.to_string_lossy().into_owned()]);
+    }
     let more = more.iter().map(|&word| word.to_owned());
     Cli::parse_from(["batch".to_owned()].into_iter().chain(paths).chain(config).chain(more))
 }
