@@ -77,6 +77,10 @@ pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
         model.pairs.len(),
         model.d_min_m * 1e3
     );
+    let light = model.massless_links();
+    if !light.is_empty() {
+        out!("links of the arms without <inertial>, which torques leave out: {}", light.join(", "));
+    }
     let obstacles: Vec<_> = model.obstacles.iter().map(|obstacle| obstacle.name.as_str()).collect();
     out!("obstacles {}", if obstacles.is_empty() { "none".to_owned() } else { obstacles.join(", ") });
     out!("hash {:016x}", loaded.hash);

@@ -13,7 +13,7 @@ pub fn feedback(model: &Model, arm: &ArmModel, state: &RobotState, target: Optio
     let mut feedback = Feedback { known: feedback_flag::STATE, ..Feedback::ZERO };
     let mut frames = Frames::default();
     model.forward(&state.q_measured, &mut frames);
-    let torso = frames.base_from_body[model.torso_body].r;
+    let torso = model.base_from_torso(&frames);
     for side in 0..2 {
         let near = model.nearest_to_arm(&frames, side);
         feedback.clearance_m[side] = near.map_or(f32::INFINITY, |near| near.clearance_m as f32);

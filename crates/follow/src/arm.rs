@@ -55,7 +55,7 @@ impl Arm {
             LIMB_JOINTS => model.hand(&frames, 0),
             _ => frames.base_from_body[left.joints[j] + 1].t,
         };
-        let torso_from_base = frames.base_from_body[model.torso_body].r.transpose();
+        let torso_from_base = model.base_from_torso(&frames).transpose();
         let links_m = std::array::from_fn(|j| torso_from_base * (origin(j + 1) - origin(j)));
         Self::new(std::array::from_fn(|j| left.axes[j] * arm.signs[j]), arm.reference, links_m)
     }

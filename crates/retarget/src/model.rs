@@ -43,7 +43,7 @@ impl Proportions {
         model.forward(&model.t_pose(), &mut frames);
         let shoulder = |side: usize| frames.base_from_body[model.arms[side].joints[1] + 1].t;
         let middle = (shoulder(0) + shoulder(1)) / 2.0;
-        let torso_from_base = frames.base_from_body[model.torso_body].r.transpose();
+        let torso_from_base = model.base_from_torso(&frames).transpose();
         let own = |at: Vector3<f64>| torso_from_base * (at - middle);
         let joints: [_; ARM_Q] = std::array::from_fn(|j| own(frames.base_from_body[arm.joints[j] + 1].t));
         let hand = own(model.hand(&frames, 0));
@@ -89,7 +89,7 @@ fn torso_m(model: &Model, frames: &Frames, own: impl Fn(Vector3<f64>) -> Vector3
 
 /// Returns how far the torso's surface is before `from`, in the direction x of the torso, m. Zero if it is not there.
 fn chest_m(model: &Model, frames: &Frames, from: Vector3<f64>) -> f64 {
-    let ahead = frames.base_from_body[model.torso_body].r * Vector3::x();
+    let ahead = model.base_from_torso(frames) * Vector3::x();
     let torso = || model.capsules.iter().filter(|capsule| capsule.body == model.torso_body);
     let inside = |at: Vector3<f64>| {
         torso().any(|capsule| {

@@ -5,7 +5,7 @@ use crate::file::{ArmEntry, RobotFile};
 use crate::kinematics::JointFrame;
 use crate::model::{BodyLink, Source};
 use crate::pose::{Pose, rotation};
-use crate::urdf::{Tree, UrdfJoint};
+use crate::urdf::{Mimic, Tree, UrdfJoint};
 use messages::{ARM_JOINTS, JOINTS_MAX};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
@@ -14,6 +14,9 @@ use urdf_rs::JointType;
 
 /// Bounds of the height of the base link above the floor. Legs and pedestals are shorter.
 const BASE_HEIGHT_M: RangeInclusive<f64> = 0.0..=3.0;
+
+/// Largest distance of a held follower from where its leader moves it, rad or m. It allows for rounding in the robot file.
+const FOLLOWS: f64 = 1e-3;
 
 /// The commanded joints in the order of messages: body joints with parents first, left arm, right arm.
 pub(crate) struct CommandedJoints {
@@ -68,8 +71,8 @@ impl Source<'_> {
                 (joint.kind == JointType::Revolute, "an arm's joint must be revolute")
             };
             if !fits || joint.mimics.is_some() {
-                let value = if fits { "mimic".into() } else { kind_of(joint) };
-                return Err(self.joint_kind(joint, value, bound));
+                let follows = joint.mimics.as_ref().map(|mimic| format!("mimic of `{}`", mimic.leader));
+                return Err(self.joint_kind(joint, follows.filter(|_| fits).unwrap_or_else(|| kind_of(joint)), bound));
             }
         }
         let held = self.held(file, &at, tree)?;
@@ -82,7 +85,7 @@ impl Source<'_> {
     }
 
     fn joint_kind(&self, joint: &UrdfJoint, value: String, bound: &str) -> RobotError {
-        let (file, joint) = (self.urdf.into(), joint.name.clone());
+        let (file, joint) = (self.line(joint), joint.name.clone());
         RobotError::JointKind { file, joint, value, bound: bound.into() }
     }
 
@@ -100,14 +103,12 @@ impl Source<'_> {
                     RobotError::unknown(self.toml, table, name, &expected)
                 })?;
                 let joint = &tree.joints[index];
-                let leads = |leader: &String| at.iter().any(|index| tree.joints[*index].name == *leader);
-                if let Some(leader) = joint.mimics.as_ref().filter(|leader| leads(leader)) {
+                let leads = |mimic: &&Mimic| at.iter().any(|index| tree.joints[*index].name == mimic.leader);
+                if let Some(mimic) = joint.mimics.as_ref().filter(leads) {
                     let bound = "a held joint must not follow a commanded one";
-                    return Err(self.joint_kind(joint, format!("mimic of `{leader}`"), bound));
+                    return Err(self.joint_kind(joint, format!("mimic of `{}`", mimic.leader), bound));
                 }
-                let limited = matches!(joint.kind, JointType::Revolute | JointType::Prismatic);
-                let (lower, upper) =
-                    if limited { (joint.limit.lower, joint.limit.upper) } else { (f64::MIN, f64::MAX) };
+                let [lower, upper] = joint.stops();
                 if !(position >= lower && position <= upper) {
                     let bound = format!("must be within the URDF's [{lower}, {upper}]");
                     return Err(self.joint(self.toml, name, table, position, bound));
@@ -115,6 +116,7 @@ impl Source<'_> {
                 held.insert(index, position);
             }
         }
+        self.check_followers(&held, tree)?;
         for (index, joint) in tree.joints.iter().enumerate() {
             if joint.kind == JointType::Fixed || at.contains(&index) || held.contains_key(&index) {
                 continue;
@@ -124,6 +126,21 @@ impl Source<'_> {
             return Err(self.joint_kind(joint, kind_of(joint), bound));
         }
         Ok(held)
+    }
+
+    /// Refuses a held joint that does not stand where its leader moves it.
+    fn check_followers(&self, held: &BTreeMap<usize, f64>, tree: &Tree) -> Result<(), RobotError> {
+        let mut errors = Vec::new();
+        for (&index, &position) in held {
+            let joint = &tree.joints[index];
+            let Some(follows) = joint.follows(|leader| held.get(&tree.joint(leader)?).copied()) else { continue };
+            if !((position - follows).abs() <= FOLLOWS) {
+                let leader = joint.mimics.as_ref().map_or("", |mimic| mimic.leader.as_str());
+                let bound = format!("must be {follows}: the URDF lets it follow `{leader}`");
+                errors.push(self.joint(self.toml, &joint.name, "held position", position, bound));
+            }
+        }
+        RobotError::all(errors)
     }
 
     /// Cuts the tree at the commanded joints. The result is a body for each joint and one for the base, and the
@@ -227,7 +244,7 @@ fn depth(tree: &Tree, joint: usize) -> usize {
 }
 
 /// Motion of a joint at a position, rad or m.
-fn moved(joint: &UrdfJoint, position: f64) -> Pose {
+pub(crate) fn moved(joint: &UrdfJoint, position: f64) -> Pose {
     if joint.kind == JointType::Prismatic {
         Pose { t: joint.axis * position, ..Pose::identity() }
     } else {

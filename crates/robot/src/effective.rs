@@ -7,7 +7,19 @@ use crate::limits::{JointLimits, Plausible};
 use crate::model::{NO_JOINT, Source};
 use crate::urdf::{Tree, UrdfJoint};
 use messages::JOINTS_MAX;
+use std::collections::BTreeMap;
 use urdf_rs::JointType;
+
+/// Returns true for each of range, speed and effort that a URDF states for a joint: it is plausible.
+pub(crate) fn stated(joint: &UrdfJoint) -> [bool; 3] {
+    let (limit, plausible) = (&joint.limit, Plausible::for_joint(joint.kind == JointType::Prismatic));
+    let ends = limit.lower.abs().max(limit.upper.abs()) <= plausible.position;
+    [
+        joint.kind != JointType::Continuous && limit.lower < limit.upper && ends,
+        limit.velocity > 0.0 && limit.velocity <= plausible.speed,
+        limit.effort > 0.0 && limit.effort <= plausible.effort,
+    ]
+}
 
 impl Source<'_> {
     /// Returns the limits of the URDF, after a check that all are plausible.
@@ -16,17 +28,18 @@ impl Source<'_> {
         commanded: &CommandedJoints,
         tree: &Tree,
     ) -> Result<[JointLimits; JOINTS_MAX], RobotError> {
-        let mut limits = [NO_JOINT; JOINTS_MAX];
+        let (mut limits, mut errors) = ([NO_JOINT; JOINTS_MAX], Vec::new());
         for (limits, at) in limits.iter_mut().zip(&commanded.at) {
-            *limits = self.limits_of(&tree.joints[*at])?;
+            *limits = RobotError::keep(self.limits_of(&tree.joints[*at]), &mut errors).unwrap_or(NO_JOINT);
         }
-        Ok(limits)
+        RobotError::all(errors).map(|()| limits)
     }
 
     /// Returns the URDF's limits of a joint, after a check that they are plausible.
     pub(crate) fn limits_of(&self, joint: &UrdfJoint) -> Result<JointLimits, RobotError> {
         let (limit, plausible) = (&joint.limit, Plausible::for_joint(joint.kind == JointType::Prismatic));
-        let refuse = |key: &str, value: f64, bound: String| Err(self.joint(self.urdf, &joint.name, key, value, bound));
+        let refuse =
+            |key: &str, value: f64, bound: String| Err(self.joint(&self.line(joint), &joint.name, key, value, bound));
         for (key, value) in [("limit lower", limit.lower), ("limit upper", limit.upper)] {
             if !(value.abs() <= plausible.position) {
                 return refuse(key, value, format!("must be at most {} in magnitude", plausible.position));
@@ -128,27 +141,10 @@ impl Source<'_> {
         tighten: &Tighten,
         limits: &mut JointLimits,
     ) -> Result<(), RobotError> {
-        let rad = [
-            ("position_min_rad", tighten.position_min_rad),
-            ("position_max_rad", tighten.position_max_rad),
-            ("velocity_max_rad_per_s", tighten.velocity_max_rad_per_s),
-            ("acceleration_max_rad_per_s2", tighten.acceleration_max_rad_per_s2),
-            ("effort_max_n_m", tighten.effort_max_n_m),
-        ];
-        let metre = [
-            ("position_min_m", tighten.position_min_m),
-            ("position_max_m", tighten.position_max_m),
-            ("velocity_max_m_per_s", tighten.velocity_max_m_per_s),
-            ("acceleration_max_m_per_s2", tighten.acceleration_max_m_per_s2),
-            ("effort_max_n", tighten.effort_max_n),
-        ];
-        let (own, foreign) = if prismatic { (metre, rad) } else { (rad, metre) };
+        let own = self.own_limits("tighten", name, prismatic, tighten)?;
         let refuse = |key: &str, value: f64, bound: String| {
             Err(self.joint(self.toml, name, &format!("tighten.{key}"), value, bound))
         };
-        if let Some((key, Some(value))) = foreign.into_iter().find(|(_, value)| value.is_some()) {
-            return refuse(key, value, "has the wrong unit for this joint".into());
-        }
         let [(min_key, min), (max_key, max), velocity, acceleration, effort] = own;
         let (lower, upper) = (limits.q_min, limits.q_max);
         if let Some(min) = min {
@@ -171,6 +167,70 @@ impl Source<'_> {
                 return refuse(key, value, format!("may only tighten: must be above 0 and at most {limit}"));
             }
             *limit = value;
+        }
+        Ok(())
+    }
+
+    /// Least and greatest position, speed, acceleration and effort of a joint in a table, SI, with their keys. Their unit must
+    /// be the joint's.
+    fn own_limits(
+        &self,
+        table: &str,
+        name: &str,
+        prismatic: bool,
+        given: &Tighten,
+    ) -> Result<[(&'static str, Option<f64>); 5], RobotError> {
+        let rad = [
+            ("position_min_rad", given.position_min_rad),
+            ("position_max_rad", given.position_max_rad),
+            ("velocity_max_rad_per_s", given.velocity_max_rad_per_s),
+            ("acceleration_max_rad_per_s2", given.acceleration_max_rad_per_s2),
+            ("effort_max_n_m", given.effort_max_n_m),
+        ];
+        let metre = [
+            ("position_min_m", given.position_min_m),
+            ("position_max_m", given.position_max_m),
+            ("velocity_max_m_per_s", given.velocity_max_m_per_s),
+            ("acceleration_max_m_per_s2", given.acceleration_max_m_per_s2),
+            ("effort_max_n", given.effort_max_n),
+        ];
+        let (own, foreign) = if prismatic { (metre, rad) } else { (rad, metre) };
+        if let Some((key, Some(value))) = foreign.into_iter().find(|(_, value)| value.is_some()) {
+            let bound = "has the wrong unit for this joint";
+            return Err(self.joint(self.toml, name, &format!("{table}.{key}"), value, bound));
+        }
+        Ok(own)
+    }
+
+    /// Writes the limits of the file's `[supply]` into the tree. Each must be one that the URDF leaves out, or for which it has a
+    /// placeholder. A joint that turns without end becomes one with a range.
+    pub(crate) fn supply(&self, given: &BTreeMap<String, Tighten>, tree: &mut Tree) -> Result<(), RobotError> {
+        for (name, entry) in given {
+            let known = tree.joint(name).filter(|at| tree.joints[*at].kind != JointType::Fixed);
+            let at =
+                known.ok_or_else(|| RobotError::unknown(self.toml, "supply", name, "a movable joint of the URDF"))?;
+            let joint = &mut tree.joints[at];
+            let prismatic = joint.kind == JointType::Prismatic;
+            let [min, max, velocity, acceleration, effort] = self.own_limits("supply", name, prismatic, entry)?;
+            let [ranged, driven, strong] = stated(joint);
+            for ((key, value), stated) in
+                [(min, ranged), (max, ranged), (velocity, driven), (effort, strong), (acceleration, true)]
+            {
+                if let Some(value) = value.filter(|_| stated) {
+                    let bound = "is no placeholder in the URDF: [tighten] narrows a limit";
+                    return Err(self.joint(self.toml, name, &format!("supply.{key}"), value, bound));
+                }
+            }
+            if let (Some(min), Some(max)) = (min.1, max.1) {
+                (joint.limit.lower, joint.limit.upper) = (min, max);
+                if joint.kind == JointType::Continuous {
+                    joint.kind = JointType::Revolute;
+                }
+            } else if let Some(value) = min.1.or(max.1) {
+                return Err(self.joint(self.toml, name, "supply.position", value, "must have both ends of the range"));
+            }
+            joint.limit.velocity = velocity.1.unwrap_or(joint.limit.velocity);
+            joint.limit.effort = effort.1.unwrap_or(joint.limit.effort);
         }
         Ok(())
     }

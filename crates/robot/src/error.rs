@@ -29,9 +29,25 @@ pub enum RobotError {
     Joint { file: String, joint: String, key: String, value: f64, bound: String },
     #[error("{file}: {key} = {value}, {bound}")]
     Value { file: String, key: String, value: String, bound: String },
+    #[error("{}", errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
+    Several { errors: Vec<RobotError> },
 }
 
 impl RobotError {
+    /// Returns the value, or adds the error to the others.
+    pub(crate) fn keep<T>(read: Result<T, Self>, errors: &mut Vec<Self>) -> Option<T> {
+        read.map_err(|error| errors.push(error)).ok()
+    }
+
+    /// Refuses for all errors at once.
+    pub(crate) fn all(mut errors: Vec<Self>) -> Result<(), Self> {
+        match errors.len() {
+            0 => Ok(()),
+            1 => Err(errors.remove(0)),
+            _ => Err(Self::Several { errors }),
+        }
+    }
+
     pub(crate) fn value(
         file: &str,
         key: impl Into<String>,

@@ -23,6 +23,9 @@ pub(crate) struct RobotFile {
     #[serde(default)]
     pub(crate) base_height_m: f64,
     pub(crate) torso_link: String,
+    /// Turns the torso's link into the torso frame: x forward, y left, z up.
+    #[serde(default)]
+    pub(crate) torso_rpy_rad: [f64; 3],
     /// Commanded joints that belong to no arm: a lift, a waist, a head. In any order.
     #[serde(default)]
     pub(crate) body_joints: Vec<String>,
@@ -42,6 +45,9 @@ pub(crate) struct RobotFile {
     #[serde(default)]
     pub(crate) driver: ProposalEntry,
     pub(crate) limits: Limits,
+    /// Limits by joint name that the URDF leaves out, or for which it has a placeholder.
+    #[serde(default)]
+    pub(crate) supply: BTreeMap<String, Tighten>,
     /// Limits by joint name. They may only tighten.
     #[serde(default)]
     pub(crate) tighten: BTreeMap<String, Tighten>,
@@ -208,8 +214,8 @@ impl RobotFile {
                 format!("this is a URDF, not a robot file: `teleopd robot new {file}` writes the robot file beside it");
             return Err(RobotError::Syntax { file: file.into(), cause });
         }
-        if text.len() > crate::urdf::TEXT_BYTES_MAX {
-            let bound = crate::urdf::TEXT_BYTES_MAX;
+        if text.len() > crate::xml::TEXT_BYTES_MAX {
+            let bound = crate::xml::TEXT_BYTES_MAX;
             return Err(RobotError::TooLong { file: file.into(), bytes: text.len(), bound });
         }
         let syntax = |error: toml::de::Error| RobotError::Syntax {

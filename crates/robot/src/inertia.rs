@@ -1,7 +1,7 @@
 //! Masses of the bodies. The inertials of the URDF's links are merged where joints are fixed or held.
 
 use crate::error::RobotError;
-use crate::model::{BodyLink, Model};
+use crate::model::{BodyLink, Model, Source};
 use crate::pose::Pose;
 use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
@@ -10,6 +10,8 @@ use nalgebra::{Matrix3, Vector3};
 const MASS_MAX_KG: f64 = 500.0;
 /// Largest inertia of a link, kg m^2: that mass at 2 m.
 const INERTIA_MAX_KG_M2: f64 = 2_000.0;
+/// Inertia below zero that is rounding. Assumption: far below that of any link, 1 g at 1 mm.
+const ROUNDING_KG_M2: f64 = 1e-12;
 /// Largest distance of a link's centre, 100 m. No part of one robot reaches farther.
 const CENTER_MAX_M: f64 = 100.0;
 
@@ -49,7 +51,7 @@ impl Inertia {
     }
 
     /// Returns the same body in a frame in which its own frame has the pose `pose`.
-    fn seen_from(&self, pose: &Pose) -> Self {
+    pub(crate) fn seen_from(&self, pose: &Pose) -> Self {
         let about_center = pose.r * self.about_center * pose.r.transpose();
         Self { mass_kg: self.mass_kg, center: pose.transform_point(&self.center), about_center }
     }
@@ -71,7 +73,7 @@ pub(crate) fn read(file: &str, link: &urdf_rs::Link) -> Result<Inertia, RobotErr
         }
     }
     for value in [i.ixx, i.iyy, i.izz] {
-        if value < 0.0 {
+        if value < -ROUNDING_KG_M2 {
             return refuse("inertia about an axis", value, "must not be below 0 kg m^2".into());
         }
     }
@@ -98,5 +100,22 @@ impl Model {
     /// Masses of the bodies, each in its own frame. Body 0 is the base.
     pub fn inertias(&self) -> [Inertia; JOINTS_MAX + 1] {
         body_inertias(&self.links)
+    }
+}
+
+impl Source<'_> {
+    /// Refuses arms without mass: their torques would all be zero.
+    pub(crate) fn check_masses(&self, model: &Model) -> Result<(), RobotError> {
+        let inertias = model.inertias();
+        for (side, arm) in ["left", "right"].into_iter().zip(&model.arms) {
+            let mass_kg: f64 = arm.joints.iter().map(|j| inertias[j + 1].mass_kg).sum();
+            if mass_kg <= 0.0 {
+                let key = format!("mass of the {side} arm in kg");
+                let links = model.massless_links().join("`, `");
+                let bound = format!("must be above 0: torques need the <inertial> of `{links}`");
+                return Err(RobotError::value(self.urdf, key, mass_kg.to_string(), bound));
+            }
+        }
+        Ok(())
     }
 }

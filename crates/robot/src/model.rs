@@ -5,7 +5,7 @@ use crate::collision::{AllowedPair, Capsule, Pair, read_capsules, read_pairs};
 use crate::commanded::CommandedJoints;
 use crate::environment::Obstacle;
 use crate::error::RobotError;
-use crate::file::{ArmEntry, ControllerEntry, RobotFile};
+use crate::file::{ArmEntry, CapsuleEntry, ControllerEntry, RobotFile};
 use crate::gripper::Gripper;
 use crate::inertia::Inertia;
 use crate::kinematics::{Frames, JointFrame};
@@ -14,7 +14,7 @@ use crate::payload::Payload;
 use crate::pose::Pose;
 use crate::proposal::Proposal;
 use crate::two_axes::TwoAxes;
-use crate::urdf::Tree;
+use crate::urdf::{Tree, UrdfJoint};
 use crate::visual::{MeshVisual, Visual};
 use messages::{JOINTS_MAX, RobotId};
 use nalgebra::Matrix3;
@@ -28,7 +28,7 @@ use std::sync::Arc;
 /// from its rounding.
 const WEIGHT_MAX: f64 = 1e3;
 
-/// Largest element of a rotation matrix minus the identity. It allows for the rounding of the URDF's text.
+/// Largest element of a rotation matrix minus the identity that counts as rounding of the URDF's text.
 const TURN_TOLERANCE: f64 = 1e-6;
 
 /// The two texts from which a model was made, for other readers.
@@ -79,6 +79,8 @@ pub struct Model {
     pub head: Option<TwoAxes>,
     /// The body whose frame is the torso frame of the limb rotations.
     pub torso_body: usize,
+    /// The torso frame (x forward, y left, z up) in that body's.
+    pub(crate) body_from_torso: Matrix3<f64>,
     /// Collision geometry.
     pub capsules: Vec<Capsule>,
     /// The pairs that are checked, in ascending order.
@@ -156,16 +158,28 @@ impl Model {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn from_text(toml_name: &str, toml_text: &str, urdf_name: &str, urdf_text: &str) -> Result<Self, RobotError> {
-        let file = RobotFile::parse(toml_name, toml_text)?;
-        let tree = Tree::parse(urdf_name, urdf_text)?;
+        Self::from_file(RobotFile::parse(toml_name, toml_text)?, [toml_name, toml_text, urdf_name, urdf_text])
+    }
+
+    /// Makes a model from a draft, with one capsule in place of those that it lacks.
+    pub(crate) fn from_draft(
+        toml_name: &str,
+        toml_text: &str,
+        urdf_name: &str,
+        urdf_text: &str,
+    ) -> Result<Self, RobotError> {
+        let mut file = RobotFile::parse(toml_name, toml_text)?;
+        let (name, link) = ("draft".to_owned(), file.base_link.clone());
+        file.collision.capsules.push(CapsuleEntry { name, link, a_m: [0.0; 3], b_m: [0.0; 3], radius_m: 0.01 });
+        Self::from_file(file, [toml_name, toml_text, urdf_name, urdf_text])
+    }
+
+    fn from_file(file: RobotFile, [toml_name, toml, urdf_name, urdf]: [&str; 4]) -> Result<Self, RobotError> {
+        let mut tree = Tree::parse(urdf_name, urdf)?;
         let source = Source { toml: toml_name, urdf: urdf_name };
-        let texts = Texts {
-            toml_name: toml_name.to_owned(),
-            toml: toml_text.to_owned(),
-            urdf_name: urdf_name.to_owned(),
-            urdf: urdf_text.to_owned(),
-        };
-        source.build(file, &tree, texts)
+        source.supply(&file.supply, &mut tree)?;
+        let [toml_name, toml, urdf_name, urdf] = [toml_name, toml, urdf_name, urdf].map(str::to_owned);
+        source.build(file, &tree, Texts { toml_name, toml, urdf_name, urdf })
     }
 
     /// Number and order of the joints, for messages.
@@ -230,7 +244,7 @@ impl Source<'_> {
         let capsules = read_capsules(self.toml, &file.collision.capsules, link_body)?;
         let parent = |body: usize| Some(joint_frames[body.checked_sub(1)?].parent);
         let (pairs, allowed) = read_pairs(self.toml, &capsules, &file.collision.allowed, parent)?;
-        let torso_body = self.torso_body(&file.torso_link, link_body(&file.torso_link))?;
+        let (torso_body, body_from_torso) = self.torso(&file, link_body(&file.torso_link))?;
         for (side, arm) in [&file.arms.left, &file.arms.right].into_iter().enumerate() {
             self.check_arm(side, arm, &commanded, torso_body, (&joint_frames, &links))?;
         }
@@ -255,6 +269,7 @@ impl Source<'_> {
             wrists: [TwoAxes::blank(); 2],
             head: None,
             torso_body,
+            body_from_torso,
             capsules,
             pairs,
             allowed,
@@ -305,6 +320,11 @@ impl Source<'_> {
         RobotError::value(self.toml, key, value, bound)
     }
 
+    /// The URDF with the line of a joint.
+    pub(crate) fn line(&self, joint: &UrdfJoint) -> String {
+        format!("{}: line {}", self.urdf, joint.line)
+    }
+
     pub(crate) fn unknown_link(&self, key: &str, name: &str) -> RobotError {
         RobotError::unknown(self.toml, key, name, "a link of the URDF")
     }
@@ -331,56 +351,26 @@ impl Source<'_> {
                 return Err(self.value(&key, value.to_string(), "at most 2 pi in magnitude"));
             }
             let joints = std::array::from_fn(|i| order.arm_start(side) + i);
-            model.arms[side] = model.derive_arm(joints, arm.reference_rad, model.torso_body);
+            model.arms[side] = model.derive_arm(joints, arm.reference_rad);
         }
+        model.check_shoulders(self.urdf)?;
+        model.mirror(self.toml)?;
         model.wrists = model.arms.map(|arm| {
             let t_pose: [(usize, f64); LIMB_JOINTS] = std::array::from_fn(|i| (arm.joints[i], arm.reference[i]));
             model.two_axes([arm.joints[LIMB_JOINTS], arm.joints[LIMB_JOINTS + 1]], &t_pose)
         });
-        model.check_shoulders(self.urdf)?;
-        model.check_mirror(self.toml)
+        model.check_sides(self.toml)
     }
 
-    fn head(&self, names: Option<&[String; 2]>, model: &Model) -> Result<Option<TwoAxes>, RobotError> {
-        let Some(names) = names else { return Ok(None) };
-        self.check_names("head_joints", names.iter(), &model.joint_names[..model.body_count])?;
-        let joints = names.each_ref().map(|name| model.joint_names.iter().position(|other| other == name).unwrap_or(0));
-        let head = model.two_axes(joints, &[]);
-        let carries = |joint: usize, body: usize| {
-            std::iter::successors(Some(body), |&body| model.parent_body(body)).any(|body| body == joint + 1)
-        };
-        // One joint twice, or two that turn about the same axis, have no product.
-        let turn = joints.iter().all(|&j| !model.prismatic[j]) && head.axes[0].cross(&head.axes[1]).norm() > 0.5;
-        let mut others = model.arms.iter().map(|arm| arm.joints[0] + 1).chain([model.torso_body]);
-        if !turn || !carries(joints[0], joints[1] + 1) || others.any(|body| carries(joints[0], body)) {
-            let bound = "must turn about two axes, the lower joint first, and carry neither torso nor arm";
-            return Err(self.value("head_joints", format!("`{}`, `{}`", names[0], names[1]), bound));
+    /// Returns the body of the torso's link, and the torso frame of the limb rotations in the body's frame.
+    fn torso(&self, file: &RobotFile, found: Option<(usize, Pose)>) -> Result<(usize, Matrix3<f64>), RobotError> {
+        let (body, body_from_link) = found.ok_or_else(|| self.unknown_link("torso_link", &file.torso_link))?;
+        if let Some(value) = file.torso_rpy_rad.iter().find(|angle| !(angle.abs() <= TAU)) {
+            return Err(self.value("torso_rpy_rad", value.to_string(), "at most 2 pi in magnitude"));
         }
-        Ok(Some(head))
-    }
-
-    /// Returns the body of the torso's link. Limb rotations are computed in the frame of the body.
-    fn torso_body(&self, name: &str, found: Option<(usize, Pose)>) -> Result<usize, RobotError> {
-        let (body, body_from_torso) = found.ok_or_else(|| self.unknown_link("torso_link", name))?;
-        if (body_from_torso.r - Matrix3::identity()).amax() > TURN_TOLERANCE {
-            let bound = "must be turned like the link below the last joint above it";
-            return Err(self.value("torso_link", format!("`{name}`"), bound));
-        }
-        Ok(body)
-    }
-
-    /// Refuses arms without mass: their torques would all be zero.
-    fn check_masses(&self, model: &Model) -> Result<(), RobotError> {
-        let inertias = model.inertias();
-        for (side, arm) in ["left", "right"].into_iter().zip(&model.arms) {
-            let mass_kg: f64 = arm.joints.iter().map(|j| inertias[j + 1].mass_kg).sum();
-            if mass_kg <= 0.0 {
-                let key = format!("mass of the {side} arm in kg");
-                let bound = "must be above 0: torques need the <inertial> of the links";
-                return Err(RobotError::value(self.urdf, key, mass_kg.to_string(), bound));
-            }
-        }
-        Ok(())
+        let link = Some(body_from_link.r).filter(|r| (r - Matrix3::identity()).amax() > TURN_TOLERANCE);
+        let turn = Pose::from_xyz_rpy([0.0; 3], file.torso_rpy_rad).r;
+        Ok((body, link.map_or(turn, |link| link * turn)))
     }
 
     /// Reads the controllers. Every joint belongs to exactly one.

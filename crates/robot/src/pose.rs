@@ -1,6 +1,6 @@
 //! Rigid transforms.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 /// A rigid transform: x_outer = r x_inner + t. `base_from_hand` chains by cancelling: a_from_b * b_from_c.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,4 +56,22 @@ pub(crate) fn rotation(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
     let k = axis.cross_matrix();
     let (sin, cos) = angle.sin_cos();
     Matrix3::identity() + k * sin + k * k * (1.0 - cos)
+}
+
+/// The rotation of a quaternion (x, y, z, w) of any length. `None` for zero.
+pub(crate) fn quaternion([x, y, z, w]: [f64; 4]) -> Option<Matrix3<f64>> {
+    let turn = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 0.0)?;
+    Some(*turn.to_rotation_matrix().matrix()).filter(|r| r.iter().all(|x| x.is_finite()))
+}
+
+/// Roll, pitch and yaw of a rotation, rad: the inverse of [`Pose::from_xyz_rpy`]. Where only the difference of roll and yaw
+/// matters, the roll is zero.
+pub(crate) fn rpy_of(r: &Matrix3<f64>) -> [f64; 3] {
+    let level = r[(0, 0)].hypot(r[(1, 0)]);
+    let pitch = (-r[(2, 0)]).atan2(level);
+    // 1e-9: below it, what is left of the first column is rounding.
+    if level < 1e-9 {
+        return [0.0, pitch, (-r[(0, 1)]).atan2(r[(1, 1)])];
+    }
+    [r[(2, 1)].atan2(r[(2, 2)]), pitch, r[(1, 0)].atan2(r[(0, 0)])]
 }

@@ -12,7 +12,8 @@
 //! Its magnitude is the cosine of half the angle between them. It is largest at the first singular vectors of M. If these lie
 //! outside of the range, the best point lies on its edge.
 
-use crate::model::Model;
+use crate::error::RobotError;
+use crate::model::{Model, Source};
 use crate::pose::rotation;
 use nalgebra::{Matrix2, Matrix3, UnitQuaternion, Vector2, Vector3};
 use std::f64::consts::{PI, TAU};
@@ -136,10 +137,31 @@ impl Model {
         let limits = joints.map(|j| self.limits[j]);
         TwoAxes {
             joints,
-            axes: self.axes_at(&q, joints, self.torso_body),
+            axes: self.axes_at(&q, joints),
             home: joints.map(|j| self.home[j]),
             q_min: limits.map(|limits| limits.q_min),
             q_max: limits.map(|limits| limits.q_max),
         }
+    }
+}
+
+impl Source<'_> {
+    /// The joints that turn the head, as the robot file names them.
+    pub(crate) fn head(&self, names: Option<&[String; 2]>, model: &Model) -> Result<Option<TwoAxes>, RobotError> {
+        let Some(names) = names else { return Ok(None) };
+        self.check_names("head_joints", names.iter(), &model.joint_names[..model.body_count])?;
+        let joints = names.each_ref().map(|name| model.joint_names.iter().position(|other| other == name).unwrap_or(0));
+        let head = model.two_axes(joints, &[]);
+        let carries = |joint: usize, body: usize| {
+            std::iter::successors(Some(body), |&body| model.parent_body(body)).any(|body| body == joint + 1)
+        };
+        // One joint twice, or two that turn about the same axis, have no product.
+        let turn = joints.iter().all(|&j| !model.prismatic[j]) && head.axes[0].cross(&head.axes[1]).norm() > 0.5;
+        let mut others = model.arms.iter().map(|arm| arm.joints[0] + 1).chain([model.torso_body]);
+        if !turn || !carries(joints[0], joints[1] + 1) || others.any(|body| carries(joints[0], body)) {
+            let bound = "must turn about two axes, the lower joint first, and carry neither torso nor arm";
+            return Err(self.value("head_joints", format!("`{}`, `{}`", names[0], names[1]), bound));
+        }
+        Ok(Some(head))
     }
 }

@@ -3,23 +3,14 @@
 use crate::error::RobotError;
 use crate::inertia::Inertia;
 use crate::pose::Pose;
+use crate::read::Urdf;
 use crate::visual::{MeshVisual, Visual};
 use nalgebra::Vector3;
-use quick_xml::Reader;
-use quick_xml::events::Event;
 use std::collections::HashMap;
 use urdf_rs::JointType;
 
-/// Longest accepted text, bytes. A dual-arm robot with two hands has 0.2 MB.
-pub(crate) const TEXT_BYTES_MAX: usize = 5 << 20;
 /// Largest number of links. A dual-arm robot with two five-fingered hands has 93.
 pub(crate) const LINKS_MAX: usize = 512;
-/// Deepest nesting, because the parser recurses. robot/link/visual/material/color and extensions of
-/// simulators stay below 12.
-const DEPTH_MAX: usize = 24;
-/// Largest difference of a joint's axis from unit length. It allows for the rounding of its text.
-const AXIS_LENGTH_TOLERANCE: f64 = 1e-6;
-
 pub(crate) struct UrdfJoint {
     pub(crate) name: String,
     pub(crate) kind: JointType,
@@ -31,8 +22,34 @@ pub(crate) struct UrdfJoint {
     pub(crate) axis: Vector3<f64>,
     /// Limits as written. They are checked if the joint is commanded.
     pub(crate) limit: urdf_rs::JointLimit,
-    /// Name of the joint that this one follows.
-    pub(crate) mimics: Option<String>,
+    /// The joint that this one follows.
+    pub(crate) mimics: Option<Mimic>,
+    /// Its line in the text.
+    pub(crate) line: usize,
+}
+
+/// A joint stands at multiplier x its leader's position + offset.
+#[derive(Clone, Debug)]
+pub(crate) struct Mimic {
+    pub(crate) leader: String,
+    pub(crate) multiplier: f64,
+    pub(crate) offset: f64,
+}
+
+impl UrdfJoint {
+    /// Its mechanical stops, rad or m. A joint without end has none, and neither has one whose range is a placeholder.
+    pub(crate) fn stops(&self) -> [f64; 2] {
+        let limited = matches!(self.kind, JointType::Revolute | JointType::Prismatic);
+        let placeholder = self.limit.lower > self.limit.upper;
+        if limited && !placeholder { [self.limit.lower, self.limit.upper] } else { [f64::MIN, f64::MAX] }
+    }
+
+    /// The position to which its leader moves it, within its stops. None without a leader whose position is known.
+    pub(crate) fn follows(&self, position: impl Fn(&str) -> Option<f64>) -> Option<f64> {
+        let mimic = self.mimics.as_ref()?;
+        let [lower, upper] = self.stops();
+        Some((mimic.multiplier * position(&mimic.leader)? + mimic.offset).max(lower).min(upper))
+    }
 }
 
 pub(crate) struct Tree {
@@ -51,9 +68,7 @@ pub(crate) struct Tree {
 
 impl Tree {
     pub(crate) fn parse(file: &str, text: &str) -> Result<Self, RobotError> {
-        check_text(file, text)?;
-        let robot = urdf_rs::read_from_string(text)
-            .map_err(|error| RobotError::Syntax { file: file.into(), cause: error.to_string() })?;
+        let Urdf { robot, link_lines, joint_lines } = Urdf::read(file, text)?;
         if robot.links.len() > LINKS_MAX {
             let (key, count) = ("links".into(), robot.links.len());
             return Err(RobotError::TooMany { file: file.into(), key, count, bound: LINKS_MAX });
@@ -61,21 +76,21 @@ impl Tree {
         let links: Vec<String> = robot.links.iter().map(|link| link.name.clone()).collect();
         let index = unique(file, "link", &links)?;
         let names: Vec<String> = robot.joints.iter().map(|joint| joint.name.clone()).collect();
-        let joint_index = unique(file, "joint", &names)?;
-        let mut joints = Vec::with_capacity(robot.joints.len());
-        for joint in &robot.joints {
-            if let Some(mimic) = &joint.mimic
-                && !joint_index.contains_key(mimic.joint.as_str())
-            {
-                let key = format!("joint `{}`: mimic", joint.name);
-                return Err(RobotError::unknown(file, key, &mimic.joint, "a joint of this file"));
-            }
-            joints.push(read_joint(file, joint, &index)?);
-        }
+        unique(file, "joint", &names)?;
+        let place = |line: usize| format!("{file}: line {line}");
+        let mut errors = Vec::new();
+        let joints = robot.joints.iter().zip(joint_lines);
+        let joints = joints
+            .filter_map(|(joint, line)| RobotError::keep(read_joint(&place(line), joint, &index, line), &mut errors));
+        let joints: Vec<UrdfJoint> = joints.collect();
+        let inertias = robot.links.iter().zip(link_lines);
+        let inertias =
+            inertias.filter_map(|(link, line)| RobotError::keep(crate::inertia::read(&place(line), link), &mut errors));
+        let inertias = inertias.collect();
+        RobotError::all(errors)?;
         let (joint_above, root) = check_tree(file, &links, &joints)?;
         let visuals = robot.links.iter().map(|link| crate::visual::read(&link.visual)).collect();
         let meshes = robot.links.iter().map(|link| crate::visual::read_meshes(link, &robot.materials)).collect();
-        let inertias = robot.links.iter().map(|link| crate::inertia::read(file, link)).collect::<Result<_, _>>()?;
         Ok(Self { name: robot.name, links, visuals, meshes, inertias, joints, joint_above, root })
     }
 
@@ -85,39 +100,6 @@ impl Tree {
 
     pub(crate) fn link(&self, name: &str) -> Option<usize> {
         self.links.iter().position(|link| link == name)
-    }
-}
-
-/// Refuses texts that the next parsers must never see: huge or deep texts, document types, entities.
-fn check_text(file: &str, text: &str) -> Result<(), RobotError> {
-    if text.len() > TEXT_BYTES_MAX {
-        return Err(RobotError::TooLong { file: file.into(), bytes: text.len(), bound: TEXT_BYTES_MAX });
-    }
-    let syntax = |cause: String| RobotError::Syntax { file: file.into(), cause };
-    let mut reader = Reader::from_str(text);
-    let mut depth = 0_usize;
-    loop {
-        match reader.read_event() {
-            Err(error) => return Err(syntax(format!("byte {}: {error}", reader.error_position()))),
-            Ok(Event::DocType(_)) => {
-                return Err(RobotError::Forbidden { file: file.into(), construct: "a document type (DTD)".into() });
-            }
-            Ok(Event::GeneralRef(_)) => {
-                return Err(RobotError::Forbidden { file: file.into(), construct: "an entity reference".into() });
-            }
-            Ok(Event::Start(_)) => {
-                depth += 1;
-                if depth > DEPTH_MAX {
-                    let key = "depth of nested elements".into();
-                    return Err(RobotError::TooMany { file: file.into(), key, count: depth, bound: DEPTH_MAX });
-                }
-            }
-            Ok(Event::End(_)) => depth = depth.saturating_sub(1),
-            Ok(Event::Eof) if depth > 0 => return Err(syntax("ends inside an element".into())),
-            Ok(Event::Eof) => return Ok(()),
-            Ok(Event::Empty(_) | Event::Text(_) | Event::CData(_) | Event::Comment(_)) => {}
-            Ok(Event::Decl(_) | Event::PI(_)) => {}
-        }
     }
 }
 
@@ -131,7 +113,12 @@ fn unique<'a>(file: &str, key: &str, names: &'a [String]) -> Result<HashMap<&'a 
     Ok(index)
 }
 
-fn read_joint(file: &str, joint: &urdf_rs::Joint, links: &HashMap<&str, usize>) -> Result<UrdfJoint, RobotError> {
+fn read_joint(
+    file: &str,
+    joint: &urdf_rs::Joint,
+    links: &HashMap<&str, usize>,
+    line: usize,
+) -> Result<UrdfJoint, RobotError> {
     let link = |key: &str, name: &str| {
         let key = format!("joint `{}`: {key}", joint.name);
         links.get(name).copied().ok_or_else(|| RobotError::unknown(file, key, name, "a link of this file"))
@@ -156,8 +143,9 @@ fn read_joint(file: &str, joint: &urdf_rs::Joint, links: &HashMap<&str, usize>) 
     let xyz = checked("origin xyz", *joint.origin.xyz, 100.0)?;
     let rpy = checked("origin rpy", *joint.origin.rpy, 628.0)?;
     let axis = Vector3::from(*joint.axis.xyz);
-    if joint.joint_type != JointType::Fixed && !((axis.norm() - 1.0).abs() <= AXIS_LENGTH_TOLERANCE) {
-        return Err(refuse("length of axis", axis.norm(), "must be 1"));
+    // A direction has no length. Only zero is none.
+    if joint.joint_type != JointType::Fixed && !(axis.norm() > 0.0 && axis.norm() < f64::INFINITY) {
+        return Err(refuse("length of axis", axis.norm(), "must be above 0"));
     }
     Ok(UrdfJoint {
         name: joint.name.clone(),
@@ -167,7 +155,12 @@ fn read_joint(file: &str, joint: &urdf_rs::Joint, links: &HashMap<&str, usize>) 
         parent_from_joint: Pose::from_xyz_rpy(xyz, rpy),
         axis: if joint.joint_type == JointType::Fixed { Vector3::zeros() } else { axis.normalize() },
         limit: joint.limit.clone(),
-        mimics: joint.mimic.as_ref().map(|leader| leader.joint.clone()),
+        mimics: joint.mimic.as_ref().map(|mimic| Mimic {
+            leader: mimic.joint.clone(),
+            multiplier: mimic.multiplier.unwrap_or(1.0),
+            offset: mimic.offset.unwrap_or(0.0),
+        }),
+        line,
     })
 }
 

@@ -1,14 +1,7 @@
 //! Tests that every defect of a URDF or a robot file is refused, and that the error names file, key, value
 //! and bound.
 
-use crate::support::{TOML, URDF, load};
-
-/// The shipped text with one place changed. The place is the first one after `after`.
-fn edit(text: &str, after: &str, old: &str, new: &str) -> String {
-    let from = text.find(after).unwrap_or_else(|| panic!("{after} is not there"));
-    let at = from + text[from..].find(old).unwrap_or_else(|| panic!("{old} is not after {after}"));
-    format!("{}{new}{}", &text[..at], &text[at + old.len()..])
-}
+use crate::support::{TOML, URDF, edit, load};
 
 fn refused(toml: &str, urdf: &str, words: &[&str]) {
     let error = load(toml, urdf).map(|_| ()).expect_err(&format!("must be refused for {words:?}")).to_string();
@@ -61,7 +54,7 @@ fn f100_joints_of_wrong_kind_are_refused() {
     let urdf = edit(URDF, LEFT_1, "</joint>", "<mimic joint=\"nobody\"/></joint>");
     refused(TOML, &urdf, &["arm_left_1_joint", "mimic", "nobody"]);
     let urdf = edit(URDF, LEFT_1, "<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0 0\"/>");
-    refused(TOML, &urdf, &["arm_left_1_joint", "axis = 0", "must be 1"]);
+    refused(TOML, &urdf, &["arm_left_1_joint", "axis = 0", "must be above 0"]);
 }
 
 #[test]
@@ -271,13 +264,22 @@ fn payload_out_of_range_is_refused_with_key_value_and_bound() {
 }
 
 #[test]
-fn torso_link_turned_against_its_body_is_refused() {
+fn torso_frame_that_looks_backwards_is_refused() {
     let turned = "<link name=\"turned\"/><joint name=\"turn\" type=\"fixed\"><parent link=\"torso_lift_link\"/>\
-                  <child link=\"turned\"/><origin xyz=\"0 0 0\" rpy=\"0 0 3.14159265\"/></joint></robot>";
+                  <child link=\"turned\"/><origin xyz=\"0 0 0\" rpy=\"0 0 3.14159265358979312\"/></joint></robot>";
+    let urdf = URDF.replacen("</robot>", turned, 1);
     let toml = TOML.replacen("torso_link = \"torso_lift_link\"", "torso_link = \"turned\"", 1);
-    refused(&toml, &URDF.replacen("</robot>", turned, 1), &["tiago_dual.toml", "torso_link = `turned`"]);
-    let straight = turned.replace("3.14159265", "0");
-    load(&toml, &URDF.replacen("</robot>", &straight, 1)).expect("it is turned like its body");
+    refused(&toml, &urdf, &["tiago_dual.toml", "left hand to the left of the right hand", "torso_rpy_rad"]);
+    let at_top = |angle| {
+        let key = format!("torso_rpy_rad = [0.0, 0.0, {angle}]\ntorso_link = \"turned\"");
+        toml.replacen("torso_link = \"turned\"", &key, 1)
+    };
+    let model = load(&at_top("-3.14159265358979312"), &urdf).expect("turned back");
+    let straight = load(TOML, URDF).unwrap();
+    for (own, other) in model.arms[0].axes.iter().zip(&straight.arms[0].axes) {
+        assert!((own - other).amax() < 1e-12, "{own} {other}");
+    }
+    refused(&at_top("7.0"), &urdf, &["torso_rpy_rad = 7", "2 pi"]);
 }
 
 #[test]

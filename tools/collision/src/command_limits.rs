@@ -66,8 +66,7 @@ pub(crate) fn limits(options: &Limits) -> Result<bool, CollisionError> {
     options.check()?;
     let (toml, urdf) = robot_texts(&options.robot)?;
     let model = Model::from_text(&toml.0, &toml.1, &urdf.0, &urdf.1)?;
-    let parsed =
-        urdf_rs::read_from_string(&urdf.1).map_err(|error| CollisionError::content(&urdf.0, error.to_string()))?;
+    let parsed = robot::read_urdf(&urdf.0, &urdf.1)?;
     let dynamics = Dynamics::new(&model, &parsed, &options.payloads(&model))?;
     let sampling = Sampling { states: options.states, seed: options.seed, share: options.share };
     let survey = Survey { model: &model, dynamics: &dynamics, sampling };

@@ -144,8 +144,7 @@ fn held(toml: &NamedText) -> Result<(String, Posture), CollisionError> {
 fn parse_all(paths: &[PathBuf]) -> Result<urdf_rs::Robot, CollisionError> {
     let mut merged: Option<urdf_rs::Robot> = None;
     for path in paths {
-        let robot = urdf_rs::read_from_string(&read_text(path)?)
-            .map_err(|error| CollisionError::content(path.display().to_string(), error.to_string()))?;
+        let robot = robot::read_urdf(&path.display().to_string(), &read_text(path)?)?;
         merged = Some(match merged {
             None => robot,
             Some(mut first) => {
