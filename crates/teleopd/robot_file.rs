@@ -32,8 +32,15 @@ fn new(urdf: &Path, out: Option<&Path>) -> Result<Exit, Failure> {
     let out: PathBuf = out.map_or_else(|| urdf.with_extension("toml"), Path::to_path_buf);
     create(&out, &draft.toml)?;
     out!("wrote {}", out.display());
-    for (title, notes) in [("Found or guessed:", &draft.guesses), ("Decide before the robot moves:", &draft.decisions)]
-    {
+    let refused = !draft.refusals.is_empty();
+    for (title, notes) in [
+        ("Found or guessed:", &draft.guesses),
+        ("Decide before the robot moves:", &draft.decisions),
+        ("Refused until it is corrected, here or in the URDF:", &draft.refusals),
+    ] {
+        if notes.is_empty() {
+            continue;
+        }
         out!("\n{title}");
         for note in notes {
             out!("  - {note}");
@@ -41,9 +48,10 @@ fn new(urdf: &Path, out: Option<&Path>) -> Result<Exit, Failure> {
     }
     let (urdf, file) = (urdf.display(), out.display());
     out!(
-        "\nNext: collision fit --urdf {urdf} --robot {file} --out NEW.toml, with --meshes DIR if the URDF names meshes"
+        "\n{}: collision fit --urdf {urdf} --robot {file} --out NEW.toml, with --meshes DIR if the URDF names meshes",
+        if refused { "Then" } else { "Next" }
     );
-    Ok(Exit::Ok)
+    Ok(if refused { Exit::DataErr } else { Exit::Ok })
 }
 
 fn read(file: &Path) -> Result<String, Failure> {

@@ -2,11 +2,14 @@
 
 mod convert;
 mod draft;
+mod drafts;
 mod environment;
 mod kinematics;
 mod others;
 mod pointing;
+mod reading;
 mod refusals;
+mod rounded;
 mod segments;
 mod shipped;
 mod support;

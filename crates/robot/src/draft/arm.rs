@@ -4,7 +4,7 @@ use super::tree::pose_below;
 use crate::pose::{Pose, rotation};
 use crate::urdf::Tree;
 use messages::ARM_JOINTS;
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
 /// A posture is found if the sum of its squared direction errors is below this.
@@ -19,24 +19,18 @@ const PULL: f64 = 1e-9;
 const ROOM_RAD: f64 = 0.1;
 /// Directions of upper arm and forearm at home, torso frame, left arm: hanging a little out, and level to the front.
 const HOME: [[f64; 3]; 2] = [[0.17, 0.34, -0.92], [0.99, 0.0, 0.1]];
-/// Largest difference between two mirrored positions, rad.
-const MIRRORED_RAD: f64 = 1e-5;
+/// Two rooms of an elbow, rad, that differ by less are the same: it bends both ways.
+const SAME_ROOM_RAD: f64 = 0.1;
+/// Postures from which it is seen where a hand can be.
+const SAMPLES: u32 = 200;
 
-/// Positions of joints 1 to 5, and how far the directions of the limbs are off.
+/// Positions of joints 1 to 5, how far the directions of the limbs are off, and how far the positions are outside of their
+/// ranges, rad.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Posture {
     pub(super) q: [f64; 5],
     pub(super) off: f64,
-}
-
-impl Posture {
-    /// Takes the left arm's numbers where they mirror this posture's, so that both are equal to the last digit.
-    pub(super) fn mirrored_onto(&self, left: &Self) -> Self {
-        let same = |(own, left): (f64, f64)| {
-            [left, -left].into_iter().find(|other| (other - own).abs() < MIRRORED_RAD).unwrap_or(own)
-        };
-        Self { q: std::array::from_fn(|i| same((self.q[i], left.q[i]))), ..*self }
-    }
+    pub(super) outside: f64,
 }
 
 /// One joint: its frame in the frame of the joint before it, its axis, and its range.
@@ -58,9 +52,9 @@ pub(super) struct ArmChain {
     bends: f64,
 }
 
-/// Signs of the right arm: its positions over those of the left arm in the mirrored posture.
-pub(super) fn signs(left: &Posture, right: &Posture, chains: &[ArmChain; 2]) -> [f64; ARM_JOINTS] {
-    let axes = [chains[0].axes(&left.q), chains[1].axes(&right.q)];
+/// Signs of the right arm: its positions over those of the left arm in the mirrored posture. Zero mirrors zero.
+pub(super) fn signs(chains: &[ArmChain; 2]) -> [f64; ARM_JOINTS] {
+    let axes = chains.each_ref().map(|chain| chain.axes(&[0.0; 5]));
     std::array::from_fn(|i| {
         let image = Vector3::new(-axes[0][i].x, axes[0][i].y, -axes[0][i].z);
         if axes[1][i].dot(&image) < 0.0 { -1.0 } else { 1.0 }
@@ -68,12 +62,19 @@ pub(super) fn signs(left: &Posture, right: &Posture, chains: &[ArmChain; 2]) -> 
 }
 
 impl ArmChain {
-    pub(super) fn new(tree: &Tree, torso: usize, joints: &[usize; ARM_JOINTS]) -> Self {
+    /// The chain of `joints` in the torso frame, which `link_from_torso` turns into the frame of the link `torso`.
+    pub(super) fn new(
+        tree: &Tree,
+        (torso, link_from_torso): (usize, &Matrix3<f64>),
+        joints: &[usize; ARM_JOINTS],
+    ) -> Self {
+        let torso_from_link = Pose { r: link_from_torso.transpose(), ..Pose::identity() };
         let joint = |i: usize| {
             let above = if i == 0 { torso } else { tree.joints[joints[i - 1]].child };
             let joint = &tree.joints[joints[i]];
+            let pose = pose_below(tree, above, joints[i]);
             DraftJoint {
-                before_from_joint: pose_below(tree, above, joints[i]),
+                before_from_joint: if i == 0 { torso_from_link.compose(&pose) } else { pose },
                 axis: joint.axis,
                 range: [joint.limit.lower, joint.limit.upper],
             }
@@ -89,10 +90,59 @@ impl ArmChain {
             upper.dot(&fore)
         };
         let middle = (direction(0.0) + direction(2.0 * FRAC_PI_2)) / 2.0;
-        chain.straight_rad = (direction(FRAC_PI_2) - middle).atan2(direction(0.0) - middle);
-        let [low, high] = chain.joints[3].range;
-        chain.bends = if high - chain.straight_rad >= chain.straight_rad - low { 1.0 } else { -1.0 };
+        chain.straight_rad = chain.turned(3, (direction(FRAC_PI_2) - middle).atan2(direction(0.0) - middle));
         chain
+    }
+
+    /// Narrows the ranges to those of the arm on the other side, so that each posture has a mirror image.
+    pub(super) fn narrow(&mut self, other: &Self, signs: &[f64; ARM_JOINTS]) {
+        for ((own, other), sign) in self.joints.iter_mut().zip(&other.joints).zip(signs) {
+            let [low, high] = if *sign < 0.0 { [-other.range[1], -other.range[0]] } else { other.range };
+            let both = [own.range[0].max(low), own.range[1].min(high)];
+            if both[0] < both[1] {
+                own.range = both;
+            }
+        }
+    }
+
+    /// The position, or one that differs by a turn, if that is in the range of joint `i`.
+    fn turned(&self, i: usize, q: f64) -> f64 {
+        let [low, high] = self.joints[i].range;
+        [q, q - 4.0 * FRAC_PI_2, q + 4.0 * FRAC_PI_2].into_iter().find(|q| (low..=high).contains(q)).unwrap_or(q)
+    }
+
+    /// How far a position is outside of the range of joint `i`, rad.
+    fn outside(&self, i: usize, q: f64) -> f64 {
+        let [low, high] = self.joints[i].range;
+        (low - q).max(q - high).max(0.0)
+    }
+
+    /// The middle of where the hand can be, torso frame, m. The hand is the last joint's origin.
+    pub(super) fn reach(&self) -> Vector3<f64> {
+        // Additive recurrence by the golden ratio of seven dimensions (the root of x^8 = x + 1): evenly spread.
+        const GOLDEN: f64 = 1.096_981_557_798_559_8;
+        let sum = (0..SAMPLES).fold(Vector3::zeros(), |sum, sample| {
+            let q = std::array::from_fn(|i| {
+                let share = (f64::from(sample + 1) / GOLDEN.powi(i as i32 + 1)).fract();
+                let [low, high] = self.joints[i].range.map(|end| end.clamp(-2.0 * FRAC_PI_2, 2.0 * FRAC_PI_2));
+                low + share * (high - low)
+            });
+            sum + self.poses(&q)[ARM_JOINTS - 1].t
+        });
+        sum / f64::from(SAMPLES)
+    }
+
+    /// True if three orthogonal axes turn the upper arm, and two the forearm, and both limbs lie along their last axes.
+    pub(super) fn is_three_and_two(&self) -> bool {
+        let axes = self.axes(&[0.0; 5]);
+        // 1e-3, as a model asks.
+        let orthogonal = [(0, 1), (1, 2), (3, 4)].into_iter().all(|(a, b)| axes[a].dot(&axes[b]).abs() < 1e-3);
+        let poses = self.poses(&[0.0; ARM_JOINTS]);
+        let limbs = [(1, 3, 2), (3, 5, 4)].map(|(from, to, axis)| {
+            let limb = poses[to].t - poses[from].t;
+            limb.dot(&axes[axis]).abs() > 0.5 * limb.norm()
+        });
+        orthogonal && limbs == [true; 2]
     }
 
     /// Frames of the joints after their own motion, in the torso's frame.
@@ -117,34 +167,41 @@ impl ArmChain {
         [axes[2] * self.along[0], axes[4] * self.along[1]]
     }
 
-    /// Solves the T-pose: the arm straight out to its side, bending to the front.
-    pub(super) fn reference(&self, side: usize) -> Posture {
-        let out = Vector3::y() * if side == 0 { 1.0 } else { -1.0 };
-        let errors = |q: &[f64; 5]| {
-            let hinge = self.axes(q)[3] * self.bends;
-            let upper = self.limbs(q)[0];
-            let (a, b) = (upper - out, hinge.cross(&upper) - Vector3::x());
-            [a.x, a.y, a.z, b.x, b.y, b.z]
-        };
+    /// Solves the T-pose of a left arm: straight out to its side, bending to the front. Positions inside the ranges come
+    /// first, and of several those nearest to zero. They decide how the elbow bends, where it bends both ways.
+    pub(super) fn reference(&mut self) -> Posture {
         let fifth = 0.0_f64.clamp(self.joints[4].range[0], self.joints[4].range[1]);
-        let mut best = Posture { q: [0.0, 0.0, 0.0, self.straight_rad, fifth], off: f64::INFINITY };
-        let mut size = f64::INFINITY;
-        for start in starts() {
-            let from = [start[0], start[1], start[2], self.straight_rad, fifth];
-            let (q, off) = search(from, 3, |_, q| q, errors);
-            let wide = q[..3].iter().map(|q| q.abs()).sum::<f64>();
-            // Of several solutions the one nearest to zero is taken.
-            if off < best.off - REACHED || (off < best.off + REACHED && wide < size - 1e-6) {
-                (best, size) = (Posture { q, off }, wide);
+        let [low, high] = self.joints[3].range;
+        let rooms = high - self.straight_rad - (self.straight_rad - low);
+        let mut best = (Posture { q: [0.0; 5], off: f64::INFINITY, outside: 0.0 }, 1.0, [f64::INFINITY; 3]);
+        for bends in [1.0, -1.0].into_iter().filter(|bends| rooms * bends >= 0.0 || rooms.abs() < SAME_ROOM_RAD) {
+            let errors = |q: &[f64; 5]| {
+                let hinge = self.axes(q)[3] * bends;
+                let upper = self.limbs(q)[0];
+                let (a, b) = (upper - Vector3::y(), hinge.cross(&upper) - Vector3::x());
+                [a.x, a.y, a.z, b.x, b.y, b.z]
+            };
+            let inside = |i: usize, q: f64| q.clamp(self.joints[i].range[0], self.joints[i].range[1]);
+            for start in starts() {
+                let from = [start[0], start[1], start[2], self.straight_rad, fifth];
+                for (q, off) in [search(from, 3, |_, q| q, errors), search(from, 3, inside, errors)] {
+                    let q: [f64; 5] = std::array::from_fn(|i| rounded(self.turned(i, rounded(q[i]))));
+                    let outside = (0..5).map(|i| self.outside(i, q[i])).sum::<f64>();
+                    let wide = q[..3].iter().map(|q| q.abs()).sum::<f64>();
+                    let rank = [if off < REACHED { 0.0 } else { off }, (outside * 1e6).round(), (wide * 1e6).round()];
+                    if rank < best.2 {
+                        best = (Posture { q, off, outside }, bends, rank);
+                    }
+                }
             }
         }
-        best.q = best.q.map(rounded);
-        best
+        self.bends = best.1;
+        best.0
     }
 
-    /// Solves a posture with bent elbows and hands in front, inside the limits.
-    pub(super) fn home(&self, side: usize) -> [f64; ARM_JOINTS] {
-        let wanted = HOME.map(|[x, y, z]| Vector3::new(x, if side == 0 { y } else { -y }, z).normalize());
+    /// Solves a posture of a left arm with bent elbow and the hand in front, inside the limits.
+    pub(super) fn home(&self) -> [f64; ARM_JOINTS] {
+        let wanted = HOME.map(|direction| Vector3::from(direction).normalize());
         let errors = |q: &[f64; 5]| {
             let [upper, fore] = self.limbs(q);
             let (a, b) = (upper - wanted[0], fore - wanted[1]);
@@ -159,12 +216,14 @@ impl ArmChain {
             let [low, high] = self.joints[i].range;
             if low + ROOM_RAD <= 0.0 && 0.0 <= high - ROOM_RAD { 0.0 } else { (low + high) / 2.0 }
         };
-        let mut best = ([0.0; 5], f64::INFINITY);
+        let mut best = ([0.0; 5], [f64::INFINITY; 2]);
         for start in starts() {
             let from = [start[0], start[1], start[2], self.straight_rad + self.bends * 1.2, rest(4)];
             let (q, off) = search(from, 4, inside, errors);
-            if off < best.1 - 1e-6 {
-                best = (q, off);
+            // Of postures that are as good to a tenth of a degree, the one nearest to zero.
+            let rank = [(off * 1e5).round(), (q[..3].iter().map(|q| q.abs()).sum::<f64>() * 1e6).round()];
+            if rank < best.1 {
+                best = (q, rank);
             }
         }
         let q = [best.0[0], best.0[1], best.0[2], best.0[3], rest(4), rest(5), rest(6)];

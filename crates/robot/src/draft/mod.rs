@@ -1,14 +1,19 @@
 //! A first robot file from a URDF alone: what can be found, what is guessed, and what a person must decide.
 
 mod arm;
+mod limits;
+mod notes;
 mod tree;
 mod write;
 
+use crate::effective::stated;
 use crate::error::RobotError;
-use crate::model::Source;
+use crate::model::{Model, Source};
 use crate::urdf::Tree;
 use arm::{ArmChain, Posture};
+use limits::Supplied;
 use messages::{ARM_JOINTS, JOINTS_MAX};
+use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
 use urdf_rs::JointType;
 
@@ -24,123 +29,158 @@ pub struct Draft {
     pub guesses: Vec<String>,
     /// Sentences on what a person must decide or check before the robot moves.
     pub decisions: Vec<String>,
+    /// Why the file does not load as it is, apart from its capsules. Empty if it does.
+    pub refusals: Vec<String>,
 }
 
 /// The parts of a robot that a robot file names, as indices of the URDF's joints.
 struct Found {
     torso_link: usize,
+    /// The torso frame (x forward, y left, z up) in the torso link's frame.
+    link_from_torso: Matrix3<f64>,
     body: Vec<usize>,
     arms: [[usize; ARM_JOINTS]; 2],
     held: BTreeMap<usize, f64>,
     reference: [Posture; 2],
     home: [[f64; ARM_JOINTS]; 2],
+    supplied: Vec<Supplied>,
+    base_height_m: f64,
 }
 
 /// Drafts the robot file of a URDF: it finds the two arms, the torso and the body's joints, solves the T-pose and a
-/// home posture, and proposes limits.
+/// home posture, and proposes limits. At the end it loads what it wrote.
 pub fn draft(urdf_name: &str, urdf_text: &str) -> Result<Draft, RobotError> {
-    let tree = Tree::parse(urdf_name, urdf_text)?;
+    let mut tree = Tree::parse(urdf_name, urdf_text)?;
     let refuse = |key: &str, value: String, bound: &str| RobotError::value(urdf_name, key, value, bound);
-    let Some((torso_link, arms)) = tree::find_arms(&tree, false) else {
-        if let Some(joint) = endless_arm_joint(&tree) {
-            let (file, joint, value) = (urdf_name.into(), joint.into(), "continuous".into());
-            let bound = "an arm's joint must be revolute: give it that type and a range that its cables bear".into();
-            return Err(RobotError::JointKind { file, joint, value, bound });
-        }
+    let found = tree::find_arms(&tree).map_err(|value| {
         let bound =
-            "two chains of seven revolute joints must hang on one link: a robot with other arms is not supported";
-        return Err(refuse("arms", "none".into(), bound));
-    };
-    let body = tree::body_joints(&tree, torso_link, &arms);
+            "two chains of seven joints that turn must hang on one link: a robot with other arms is not supported";
+        refuse("arms", value, bound)
+    })?;
+    let (torso_link, chains) = (found.torso, found.chains.each_ref().map(|chain| chain.joints.as_slice()));
+    let supplied = limits::supply(&mut tree, &chains.concat());
+    let start = window(&tree, torso_link, chains);
+    let arms = chains.map(|chain| std::array::from_fn(|i| chain[start + i]));
+    let (link_from_torso, arms) = sides(&tree, torso_link, arms);
+    let (body, placeholders) = commandable(&tree, tree::body_joints(&tree, torso_link, &arms));
     if body.len() + 2 * ARM_JOINTS > JOINTS_MAX {
         let bound = format!("at most {} body joints", JOINTS_MAX - 2 * ARM_JOINTS);
         return Err(refuse("body joints", body.len().to_string(), &bound));
     }
-    check_limits(urdf_name, &tree, body.iter().chain(arms.iter().flatten()))?;
-    let (mut guesses, mut decisions) = (Vec::new(), Vec::new());
+    check_limits(urdf_name, &tree, arms.iter().flatten())?;
     let held = held(&tree, &body, &arms);
-    let chains = arms.each_ref().map(|joints| ArmChain::new(&tree, torso_link, joints));
-    let [left, right] = [0, 1].map(|side| chains[side].reference(side));
-    let right = right.mirrored_onto(&left);
-    if left.off > arm::REACHED || right.off > arm::REACHED {
-        decisions.push(format!(
-            "The T-pose was not found (directions are {:.2} and {:.2} off): enter reference_rad by hand.",
-            left.off, right.off
-        ));
+    let [mut left, right] = arms.each_ref().map(|joints| ArmChain::new(&tree, (torso_link, &link_from_torso), joints));
+    let signs = arm::signs(&[left, right]);
+    left.narrow(&right, &signs);
+    let reference = left.reference();
+    let home = left.home();
+    let mirrored = Posture { q: std::array::from_fn(|i| signs[i] * reference.q[i] + 0.0), ..reference };
+    let found = Found {
+        torso_link,
+        link_from_torso,
+        body,
+        arms,
+        held,
+        reference: [reference, mirrored],
+        home: [home, std::array::from_fn(|i| signs[i] * home[i] + 0.0)],
+        supplied: supplied.into_iter().filter(|one| arms.iter().flatten().any(|arm| *arm == one.joint)).collect(),
+        base_height_m: base_height_m(&tree),
+    };
+    let toml = write::toml(urdf_name, &tree, &found);
+    let (guesses, mut decisions) = notes::notes(&tree, &found);
+    decisions.extend(notes::of_placeholders(&tree, &placeholders));
+    decisions.extend(notes::of_window(&tree, chains, start));
+    let mut refusals = Vec::from_iter(notes::of_t_pose(&tree, &found));
+    let toml_name = format!("{}.toml", urdf_name.trim_end_matches(".urdf"));
+    if let Err(error) = Model::from_draft(&toml_name, &toml, urdf_name, urdf_text) {
+        refusals.extend(error.to_string().lines().map(str::to_owned));
     }
-    let home = chains[0].home(0);
-    let signs = arm::signs(&left, &right, &chains);
-    let home = [home, std::array::from_fn(|i| signs[i] * home[i])];
-    let found = Found { torso_link, body, arms, held, reference: [left, right], home };
-    notes(&tree, &found, &mut guesses, &mut decisions);
-    Ok(Draft { toml: write::toml(urdf_name, &tree, &found), guesses, decisions })
+    Ok(Draft { toml, guesses, decisions, refusals })
 }
 
-/// Returns the first joint that turns without end, if two arms would be found with such joints.
-fn endless_arm_joint(tree: &Tree) -> Option<&str> {
-    let (_, arms) = tree::find_arms(tree, true)?;
-    let mut joints = arms.into_iter().flatten().map(|joint| &tree.joints[joint]);
-    joints.find(|joint| joint.kind == JointType::Continuous).map(|joint| joint.name.as_str())
+/// Where the seven joints of an arm begin in a longer chain: the first place with three orthogonal axes and two more whose T-pose
+/// is found, or 0.
+fn window(tree: &Tree, torso: usize, chains: [&[usize]; 2]) -> usize {
+    let last = chains.map(<[usize]>::len).into_iter().min().unwrap_or(ARM_JOINTS) - ARM_JOINTS;
+    let fits = |start: &usize| {
+        let joints = std::array::from_fn(|i| chains[0][start + i]);
+        let mut chain = ArmChain::new(tree, (torso, &Matrix3::identity()), &joints);
+        chain.is_three_and_two() && chain.reference().off < arm::REACHED
+    };
+    if last == 0 { 0 } else { (0..=last).find(fits).unwrap_or(0) }
+}
+
+/// The arms as left and right, and the torso frame in the frame of the torso's link. The names say which hand is left, and where
+/// the hands can be says where left is. Without names the link's x points forward.
+fn sides(tree: &Tree, torso: usize, arms: [[usize; ARM_JOINTS]; 2]) -> (Matrix3<f64>, [[usize; ARM_JOINTS]; 2]) {
+    let reach = arms.each_ref().map(|joints| ArmChain::new(tree, (torso, &Matrix3::identity()), joints).reach());
+    let apart = reach[0] - reach[1];
+    let named = (tree::named_side(tree, &arms[0]) - tree::named_side(tree, &arms[1])).clamp(-1.0, 1.0);
+    let poses = tree::link_poses(tree, |_| 0.0);
+    let up = nearest_axis(&(poses[torso].r.transpose() * Vector3::z()));
+    let level = apart - up * apart.dot(&up);
+    let mut left = nearest_axis(&level) * if named == 0.0 { 1.0 } else { named };
+    // Without names: the way in which the link's x, or else its y, is not against the torso's.
+    let forward = left.cross(&up);
+    if named == 0.0 && forward.x + 0.5 * forward.y < 0.0 {
+        left = -left;
+    }
+    let turn = Matrix3::from_columns(&[left.cross(&up), left, up]);
+    let [first, second] = arms;
+    (turn, if apart.dot(&left) >= 0.0 { [first, second] } else { [second, first] })
+}
+
+/// The axis of a frame, with its sign, that is nearest to a direction.
+fn nearest_axis(direction: &Vector3<f64>) -> Vector3<f64> {
+    let at = direction.iamax();
+    let mut axis = Vector3::zeros();
+    axis[at] = if direction[at] < 0.0 { -1.0 } else { 1.0 };
+    axis
+}
+
+/// Splits the body's joints into those that can be commanded, and those for which the URDF has a placeholder: they are held.
+fn commandable(tree: &Tree, body: Vec<usize>) -> (Vec<usize>, Vec<usize>) {
+    let ranged = |joint: &usize| tree.joints[*joint].limit.upper - tree.joints[*joint].limit.lower > ROOM;
+    body.into_iter().partition(|joint| stated(&tree.joints[*joint]) == [true; 3] && ranged(joint))
 }
 
 /// Refuses limits that a model would refuse, and a range that is no wider than the draft's margins. Postures are solved
 /// inside the ranges.
 fn check_limits<'j>(file: &str, tree: &Tree, joints: impl Iterator<Item = &'j usize>) -> Result<(), RobotError> {
     let source = Source { toml: file, urdf: file };
+    let mut errors = Vec::new();
     for joint in joints.map(|joint| &tree.joints[*joint]) {
-        let limits = source.limits_of(joint)?;
+        let Some(limits) = RobotError::keep(source.limits_of(joint), &mut errors) else { continue };
         let range = limits.q_max - limits.q_min;
         if range <= ROOM {
-            return Err(source.joint(file, &joint.name, "range", range, format!("must be above {ROOM}")));
+            let bound = format!("must be above {ROOM}");
+            errors.push(source.joint(&source.line(joint), &joint.name, "range", range, bound));
         }
     }
-    Ok(())
+    RobotError::all(errors)
 }
 
-/// Positions of the movable joints that no list names: zero, or the nearest end of the range.
+/// Positions of the movable joints that no list names: where their leaders move them, or zero, or the nearest end of the range.
 fn held(tree: &Tree, body: &[usize], arms: &[[usize; ARM_JOINTS]; 2]) -> BTreeMap<usize, f64> {
     let commanded = |joint: &usize| body.contains(joint) || arms.iter().flatten().any(|arm| arm == joint);
     let others = (0..tree.joints.len()).filter(|joint| !commanded(joint));
     let movable = others.filter(|joint| tree.joints[*joint].kind != JointType::Fixed);
-    movable
-        .map(|joint| {
-            let (kind, limit) = (&tree.joints[joint].kind, &tree.joints[joint].limit);
-            let limited = matches!(kind, JointType::Revolute | JointType::Prismatic) && limit.lower <= limit.upper;
-            (joint, if limited { 0.0_f64.clamp(limit.lower, limit.upper) } else { 0.0 })
-        })
-        .collect()
+    let rest = |joint: usize| 0.0_f64.max(tree.joints[joint].stops()[0]).min(tree.joints[joint].stops()[1]);
+    let mut held: BTreeMap<usize, f64> = movable.map(|joint| (joint, rest(joint))).collect();
+    // A leader may follow another one. More steps than joints are a circle.
+    for _ in 0..tree.joints.len() {
+        let before = held.clone();
+        let position = |leader: &str| before.get(&tree.joint(leader)?).copied();
+        held.iter_mut().for_each(|(joint, q)| *q = tree.joints[*joint].follows(position).unwrap_or(*q));
+        if held == before {
+            break;
+        }
+    }
+    held
 }
 
-fn notes(tree: &Tree, found: &Found, guesses: &mut Vec<String>, decisions: &mut Vec<String>) {
-    let name = |joint: &usize| tree.joints[*joint].name.as_str();
-    let list = |joints: &[usize]| joints.iter().map(name).collect::<Vec<_>>().join(", ");
-    let torso = &tree.links[found.torso_link];
-    for (side, arm) in ["left", "right"].into_iter().zip(&found.arms) {
-        guesses.push(format!("The {side} arm is {}: it begins on this side of `{torso}`.", list(arm)));
-    }
-    guesses.push(match found.body.as_slice() {
-        [] => "No joint moves the torso or a head.".to_owned(),
-        body => format!("Body joints that keep a posture: {}.", list(body)),
-    });
-    if !found.held.is_empty() {
-        let held: Vec<usize> = found.held.keys().copied().collect();
-        guesses.push(format!("Held where they stand, never commanded: {}.", list(&held)));
-    }
-    let endless: Vec<usize> =
-        found.held.keys().copied().filter(|j| tree.joints[*j].kind == JointType::Continuous).collect();
-    if !endless.is_empty() {
-        decisions.push(format!(
-            "These joints turn without end (continuous): {}. They are taken to stand at 0 and are never commanded. To command \
-             one, make it revolute with a range.",
-            list(&endless)
-        ));
-    }
-    guesses.push("The T-pose (reference_rad) and the home posture were solved from the axes.".to_owned());
-    decisions.extend([
-        format!("`{torso}` must have x forward, y left and z up: limb rotations are in its frame."),
-        "Accelerations, jerks and reduced speeds are assumptions: ask the manufacturer, then see `collision limits`."
-            .to_owned(),
-        "Payload centres are where the hands grasp: they are zero until you enter them.".to_owned(),
-        "One controller has all joints: name the robot's own under [[controllers]].".to_owned(),
-    ]);
+/// Height of the root above the lowest link's origin with all joints at zero, m.
+fn base_height_m(tree: &Tree) -> f64 {
+    let lowest = tree::link_poses(tree, |_| 0.0).iter().map(|pose| pose.t.z).fold(0.0, f64::min);
+    (-lowest * 1e2).round() / 1e2 + 0.0
 }

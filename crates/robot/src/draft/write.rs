@@ -1,20 +1,25 @@
 //! The text of a draft.
 
 use super::Found;
+use super::limits::{Load, Posture};
+use crate::pose::rpy_of;
 use crate::urdf::Tree;
 use messages::ARM_JOINTS;
+use nalgebra::Matrix3;
 use std::fmt::Write;
 use urdf_rs::JointType;
 
-/// Acceleration and jerk of an arm, rad/s^2 and rad/s^3. Assumption: those of TIAGo++'s robot file.
+/// Largest proposed acceleration and jerk of an arm, rad/s^2 and rad/s^3. Assumption: those of TIAGo++'s robot file.
 const ARM: [f64; 2] = [10.0, 400.0];
-/// Acceleration and jerk of a body joint that turns. Assumption: the body only keeps a posture.
+/// The same for a body joint that turns. Assumption: the body only keeps a posture.
 const BODY: [f64; 2] = [3.0, 100.0];
 /// The same for one that slides, m/s^2 and m/s^3. Assumption: those of TIAGo++'s lift.
 const LIFT: [f64; 2] = [0.15, 12.0];
 /// Longest proposed stop of an arm or a turning body joint, s, and that of a lift.
 const STOP_S: f64 = 0.3;
 const LIFT_STOP_S: f64 = 0.48;
+/// Share of the URDF's speed that a draft proposes. Assumption: the rest is for the drive to catch up.
+const SPEED_SHARE: f64 = 0.93;
 /// Margin inside the URDF's range. Assumption: those of TIAGo++'s robot file.
 const MARGIN_RAD: f64 = 0.02;
 const MARGIN_M: f64 = 0.002;
@@ -35,12 +40,14 @@ pub(super) fn toml(urdf_name: &str, tree: &Tree, found: &Found) -> String {
         out,
         "# A first draft from the URDF alone. Read every line before the robot moves. The unit is the last word of a key.\n\n\
          format = 2\nname = {}\nurdf = {}\nbase_link = {}\n\
-         torso_link = {}   # must be x forward, y left, z up: the frame of the limb rotations\n\
+         base_height_m = {:?}   # decide: its height above the floor\ntorso_link = {}   # {}\n\
          # Commanded joints that belong to no arm. They keep the home posture.\nbody_joints = {}\n\n",
         quoted(&tree.name),
         quoted(urdf_name),
         quoted(&tree.links[tree.root]),
+        found.base_height_m,
         quoted(&tree.links[found.torso_link]),
+        turn(found),
         list(tree, &found.body),
     );
     held(&mut out, tree, found);
@@ -60,8 +67,10 @@ pub(super) fn toml(urdf_name: &str, tree: &Tree, found: &Found) -> String {
         );
     }
     out.push_str("[limits]\nstop_time_max_ms = 500.0\n\n");
+    let arms = found.arms.iter().zip(&found.home);
+    let at_home = arms.flat_map(|(joints, q)| joints.iter().copied().zip(*q)).collect();
     for group in groups(tree, found).iter().filter(|group| !group.joints.is_empty()) {
-        write_group(&mut out, tree, group);
+        write_group(&mut out, tree, group, &at_home);
     }
     for side in ["left", "right"] {
         let _ = write!(
@@ -69,6 +78,7 @@ pub(super) fn toml(urdf_name: &str, tree: &Tree, found: &Found) -> String {
             "[payload.{side}]\nmass_kg = 0.0\ncentre_m = [0.0, 0.0, 0.0]   # decide: where the hand grasps\n\n"
         );
     }
+    supply(&mut out, tree, found);
     home(&mut out, tree, found);
     out.push_str("[tasks]\nlimb_orientation_weight = 1.0\n\n# The wrist turns no limb of a person, so it gives way first.\n[tasks.joint_weight]\n");
     for joint in found.arms.iter().flat_map(|arm| &arm[5..]) {
@@ -80,6 +90,28 @@ pub(super) fn toml(urdf_name: &str, tree: &Tree, found: &Found) -> String {
          # Below this line: written by `collision fit`.\n",
     );
     out
+}
+
+/// What is said after the torso's link: the line that turns its frame, if it must be turned.
+fn turn(found: &Found) -> String {
+    if found.link_from_torso == Matrix3::identity() {
+        return "must be x forward, y left, z up: the frame of the limb rotations".into();
+    }
+    let rpy = rpy_of(&found.link_from_torso).map(|angle| angle + 0.0);
+    format!("is turned:\ntorso_rpy_rad = {rpy:?}   # into x forward, y left, z up: the frame of the limb rotations")
+}
+
+fn supply(out: &mut String, tree: &Tree, found: &Found) {
+    for (at, one) in found.supplied.iter().enumerate() {
+        let new = at == 0 || found.supplied[at - 1].joint != one.joint;
+        if new {
+            let _ = writeln!(out, "[supply.{}]", key(&tree.joints[one.joint].name));
+        }
+        let _ = writeln!(out, "{} = {:?}   # decide: the URDF says {}", one.key, one.value, one.stated);
+        if found.supplied.get(at + 1).is_none_or(|next| next.joint != one.joint) {
+            out.push('\n');
+        }
+    }
 }
 
 fn key(name: &str) -> String {
@@ -127,31 +159,41 @@ fn groups<'a>(tree: &Tree, found: &Found) -> [Group<'a>; 4] {
     ]
 }
 
-/// The speed is the lowest of the group's in the URDF, or what stops in time if that is lower.
-fn write_group(out: &mut String, tree: &Tree, group: &Group<'_>) {
+/// The speed is a share of the lowest of the group's in the URDF, or what stops in time if that is lower. The acceleration is
+/// what the weakest joint can do at home.
+fn write_group(out: &mut String, tree: &Tree, group: &Group<'_>, home: &Posture) {
     let limit = |joint: &usize| &tree.joints[*joint].limit;
     let lowest = |of: &dyn Fn(&usize) -> f64| group.joints.iter().map(of).fold(f64::INFINITY, f64::min);
-    let a = lowest(&|joint| limit(joint).acceleration.min(limit(joint).deceleration)).min(group.limits[0]);
+    let possible = |joint: &usize| {
+        let most = limit(joint).acceleration.min(limit(joint).deceleration).min(group.limits[0]);
+        if group.slides { most } else { Load::new(tree, *joint, home).acceleration(limit(joint).effort, most) }
+    };
+    let a = lowest(&possible);
     let j = lowest(&|joint| limit(joint).jerk).min(group.limits[1]);
-    let highest = group.joints.iter().map(|joint| limit(joint).velocity).fold(0.0, f64::max);
-    let stops = ((group.stop_s - a / j) * a * 1e3).floor() / 1e3;
+    let stops = (group.stop_s - a / j) * a;
+    let speed_max = stops.min(SPEED_SHARE * lowest(&|joint| limit(joint).velocity));
+    let speed_max = (speed_max * 1e3).floor() / 1e3;
     let (margin, speed, acceleration, jerk) = if group.slides {
         ("soft_margin_m", "velocity_max_m_per_s", "acceleration_max_m_per_s2", "jerk_max_m_per_s3")
     } else {
         ("soft_margin_rad", "velocity_max_rad_per_s", "acceleration_max_rad_per_s2", "jerk_max_rad_per_s3")
     };
-    let width = if group.slides { MARGIN_M } else { MARGIN_RAD };
+    let width = margin_of(lowest(&|joint| limit(joint).upper - limit(joint).lower), group.slides);
+    let source = if group.slides { "assumption" } else { "from effort and inertia, or an assumption" };
     let _ = write!(
         out,
-        "[limits.groups.{}]\njoints = {}\n{margin} = {width:?}   # assumption\n",
+        "[limits.groups.{}]\njoints = {}\n{margin} = {width:?}   # assumption\n\
+         {speed} = {speed_max:?}   # chosen: a stop within {:.0} ms, and {SPEED_SHARE} of the URDF's\n\
+         {acceleration} = {a:?}   # {source}\n{jerk} = {j:?}   # assumption\n\n",
         group.name,
-        list(tree, &group.joints)
+        list(tree, &group.joints),
+        group.stop_s * 1e3,
     );
-    if highest > stops {
-        let speed_max = stops.min(lowest(&|joint| limit(joint).velocity));
-        let _ = writeln!(out, "{speed} = {speed_max:?}   # chosen: a stop within {:.0} ms", group.stop_s * 1e3);
-    }
-    let _ = write!(out, "{acceleration} = {a:?}   # assumption\n{jerk} = {j:?}   # assumption\n\n");
+}
+
+/// The margin inside a range: less in a range that is narrow.
+fn margin_of(range: f64, slides: bool) -> f64 {
+    (if slides { MARGIN_M } else { MARGIN_RAD }).min((range * 125.0).floor() / 1e3)
 }
 
 fn home(out: &mut String, tree: &Tree, found: &Found) {
@@ -161,7 +203,8 @@ fn home(out: &mut String, tree: &Tree, found: &Found) {
         let slides = tree.joints[*joint].kind == JointType::Prismatic;
         // A lift stands high, so that hanging hands are far from the base.
         let q = if slides { limit.upper - 0.1 * (limit.upper - limit.lower) } else { 0.0 };
-        (*joint, q.clamp(limit.lower + MARGIN_M, limit.upper - MARGIN_M))
+        let margin = if slides { MARGIN_M } else { MARGIN_RAD }.min((limit.upper - limit.lower) / 4.0);
+        (*joint, q.clamp(limit.lower + margin, limit.upper - margin))
     });
     let rows: Vec<(usize, f64)> = body.chain(arms).collect();
     for (table, slides) in [("home_m", true), ("home_rad", false)] {

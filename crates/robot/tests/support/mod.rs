@@ -25,6 +25,26 @@ pub fn load(toml: &str, urdf: &str) -> Result<Model, RobotError> {
     Model::from_text("tiago_dual.toml", toml, "tiago_dual.urdf", urdf)
 }
 
+/// An invented robot with arms named port and starboard.
+pub const HERON: &str = include_str!("../../../../docs/robots/heron.urdf");
+
+/// A text with one place changed. The place is the first one after `after`.
+pub fn edit(text: &str, after: &str, old: &str, new: &str) -> String {
+    let from = text.find(after).unwrap_or_else(|| panic!("{after} is not there"));
+    let at = from + text[from..].find(old).unwrap_or_else(|| panic!("{old} is not after {after}"));
+    format!("{}{new}{}", &text[..at], &text[at + old.len()..])
+}
+
+/// Creates a model from a draft, with one capsule in place of the fitted ones.
+pub fn with_capsule(toml: &str, urdf: &str) -> Result<Model, RobotError> {
+    let base = toml.lines().find_map(|line| line.strip_prefix("base_link = ")).unwrap();
+    let capsule = format!(
+        "[[collision.capsules]]\nname = \"base\"\nlink = {base}\na_m = [0.0, 0.0, 0.0]\nb_m = [0.0, 0.0, 0.1]\n\
+         radius_m = 0.05\n\n[collision.allowed]\nadjacent = {{}}\nproved_clear = {{}}\n"
+    );
+    Model::from_text("r.toml", &format!("{toml}{capsule}"), "r.urdf", urdf)
+}
+
 /// The shipped robot.
 pub fn shipped() -> Model {
     load(TOML, URDF).unwrap_or_else(|error| panic!("{error}"))
