@@ -138,7 +138,10 @@ impl Body {
     /// Reads a robot. Errors name the files.
     pub fn from_text(toml_name: &str, toml: &str, urdf_name: &str, urdf: &str) -> Result<Self, PlantError> {
         let file = RobotFile::read(toml_name, toml)?;
-        let urdf = Urdf::read(urdf_name, urdf)?;
+        let mut urdf = Urdf::read(urdf_name, urdf)?;
+        for joint in &mut urdf.joints {
+            file.supply(joint);
+        }
         let names = order(&file, &urdf);
         if names.len() > JOINTS_MAX {
             let bound = format!("at most {JOINTS_MAX}");
@@ -189,7 +192,7 @@ impl Body {
     fn lump(&mut self, urdf: &Urdf) {
         for (raw, link) in urdf.links.iter().zip(&self.links) {
             let Some(inertial) = &raw.inertial else { continue };
-            let frame = link.body_from_link.then(&Pose::from_origin(inertial.xyz, inertial.rpy));
+            let frame = link.body_from_link.then(&inertial.origin);
             let [xx, xy, xz, yy, yz, zz] = inertial.inertia;
             let own = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
             let turned = frame.r * own * frame.r.transpose();
@@ -357,7 +360,7 @@ impl Tree<'_> {
 
     /// Returns the pose of a joint that is not commanded, where the file holds it.
     fn held(&self, joint: &RawJoint, file: &RobotFile) -> Result<Pose, PlantError> {
-        let pose = Pose::from_origin(joint.xyz, joint.rpy);
+        let pose = joint.origin;
         if joint.kind == "fixed" {
             return Ok(pose);
         }
@@ -378,14 +381,16 @@ impl Tree<'_> {
         }))
     }
 
+    /// Returns the direction of an axis of any length but zero.
     fn unit_axis(&self, joint: &RawJoint) -> Result<Vector3<f64>, PlantError> {
-        let axis = Vector3::from(joint.axis);
-        // Tolerance for the few digits in a file.
-        if (axis.norm() - 1.0).abs() <= 1e-3 {
-            return Ok(axis.normalize());
-        }
-        let key = format!("joint `{}`: axis", joint.name);
-        Err(PlantError::value(self.file, &key, format!("{:?}", joint.axis), "must have length 1"))
+        Vector3::from(joint.axis).try_normalize(0.0).ok_or_else(|| {
+            let key = format!("joint `{}`: axis", joint.name);
+            PlantError::value(&self.place(joint), &key, format!("{:?}", joint.axis), "must not be zero")
+        })
+    }
+
+    fn place(&self, joint: &RawJoint) -> String {
+        format!("{}: line {}", self.file, joint.line)
     }
 
     fn joint(
@@ -422,7 +427,7 @@ impl Tree<'_> {
             name: raw.name.clone(),
             kind,
             parent: carrier.body,
-            parent_from_body: carrier.body_from_link.then(&Pose::from_origin(raw.xyz, raw.rpy)),
+            parent_from_body: carrier.body_from_link.then(&raw.origin),
             axis: self.unit_axis(raw)?,
             urdf,
             limits,

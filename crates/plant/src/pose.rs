@@ -24,6 +24,14 @@ impl Pose {
         Self { r: about(Vector3::z(), yaw) * about(Vector3::y(), pitch) * about(Vector3::x(), roll), t: xyz.into() }
     }
 
+    /// Returns the pose of a URDF's `origin` with a quaternion of any length but zero: R = 1 + 2 (w K + K^2) / |q|^2, K the
+    /// cross product with (x, y, z).
+    pub(crate) fn from_quaternion(xyz: [f64; 3], [x, y, z, w]: [f64; 4]) -> Self {
+        let k = Vector3::new(x, y, z).cross_matrix();
+        let square = x * x + y * y + z * z + w * w;
+        Self { r: Matrix3::identity() + (k * w + k * k) * (2.0 / square), t: xyz.into() }
+    }
+
     /// Returns a_from_c, given a_from_b and b_from_c.
     pub fn then(&self, next: &Self) -> Self {
         Self { r: self.r * next.r, t: self.r * next.t + self.t }

@@ -1,6 +1,7 @@
 //! The part of the robot file that a robot's body needs: joints, limits, capsules and pairs.
 
 use crate::error::PlantError;
+use crate::urdf::RawJoint;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -23,6 +24,9 @@ pub(crate) struct RobotFile {
     #[serde(default)]
     controllers: Vec<ControllerRow>,
     limits: Groups,
+    /// Limits that the URDF leaves out, or for which it has a placeholder.
+    #[serde(default)]
+    supply: BTreeMap<String, Tighten>,
     #[serde(default)]
     tighten: BTreeMap<String, Tighten>,
     #[serde(default)]
@@ -151,6 +155,24 @@ impl RobotFile {
 
     pub(crate) fn arm_joints(&self) -> impl Iterator<Item = &String> {
         self.arms.left.joints.iter().chain(&self.arms.right.joints)
+    }
+
+    /// Writes the limits that the file supplies into a joint. One that turns without end gets its range.
+    pub(crate) fn supply(&self, joint: &mut RawJoint) {
+        let Some(row) = self.supply.get(&joint.name) else { return };
+        let limit = joint.limit.get_or_insert_default();
+        let given = [
+            (row.position_min_rad, &mut limit.lower),
+            (row.position_max_rad, &mut limit.upper),
+            (row.velocity_max_rad_per_s, &mut limit.velocity),
+            (row.effort_max_n_m, &mut limit.effort),
+        ];
+        for (value, limit) in given {
+            *limit = value.unwrap_or(*limit);
+        }
+        if joint.kind == "continuous" && row.position_min_rad.is_some() && row.position_max_rad.is_some() {
+            joint.kind = "revolute".into();
+        }
     }
 
     /// Refuses a limit of a joint that is not among `names`: it would not be kept.

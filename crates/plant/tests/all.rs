@@ -5,6 +5,7 @@ mod allocation;
 mod dynamics;
 mod following;
 mod judging;
+mod readers;
 mod refusals;
 mod support;
 mod watchdog;

@@ -54,7 +54,7 @@ fn wrong_robot_files_are_refused_with_file_and_key() {
             "<joint name=\"wheel\" type=\"revolute\">",
             "held_rad or held_m: movable joint `wheel`",
         ),
-        ("velocity=\"0.07\" effort=\"2000\"", "velocity=\"0.07\"", "effort: missing"),
+        ("velocity=\"0.07\" effort=\"2000\"", "velocity=\"0.07\"", "the others above 0"),
         ("upper=\"0.35\"", "upper=\"-0.35\"", "q_min must be below q_max"),
         ("<parent link=\"base_footprint\"/>", "<parent link=\"nowhere\"/>", "`nowhere`"),
         ("<parent link=\"base_footprint\"/>", "<parent link=\"torso_fixed_link\"/>", "is part of a loop"),
