@@ -17,11 +17,11 @@ const DEPTH_MAX: usize = 256;
 /// Returns a sentence on the first difference in a joint of `model`.
 pub fn difference(theirs: &str, model: &Model) -> Option<String> {
     let text = "/robot_description";
-    let theirs = match urdf_rs::read_from_string(theirs) {
+    let theirs = match robot::read_urdf(text, theirs) {
         Ok(theirs) => theirs,
         Err(error) => return Some(format!("{text} is no URDF: {error}")),
     };
-    let Ok(ours) = urdf_rs::read_from_string(&model.texts.urdf) else {
+    let Ok(ours) = robot::read_urdf(&model.texts.urdf_name, &model.texts.urdf) else {
         return Some(format!("{} is no URDF", model.texts.urdf_name));
     };
     let (our_joints, their_joints) = (by_child(&ours), by_child(&theirs));

@@ -64,7 +64,7 @@ impl Hands {
 
     /// Takes the robot's own description. It must have each finger, with limits that hold its open and closed positions.
     pub(super) fn describe(&mut self, urdf: Option<&str>) {
-        let robot = urdf.and_then(|urdf| urdf_rs::read_from_string(urdf).ok());
+        let robot = urdf.and_then(|urdf| robot::read_urdf("/robot_description", urdf).ok());
         for own in &mut self.all {
             let mut efforts = Vec::new();
             for finger in own.hand.fingers() {
