@@ -190,17 +190,24 @@ impl Model {
     /// Checks that no arm could collide unseen: upper arm, forearm and hand each have a capsule in a checked pair.
     /// A robot file before `collision fit` has none.
     pub fn check_guarded(&self) -> Result<(), RobotError> {
+        let mut errors = Vec::new();
         for (side, arm) in ["left", "right"].into_iter().zip(&self.arms) {
             for (part, joints) in [("upper arm", 0..3), ("forearm", 3..5), ("hand", 5..7)] {
-                let moved = |at: usize| arm.joints[joints.clone()].iter().any(|j| j + 1 == self.capsules[at].body);
-                if !self.pairs.iter().any(|pair| moved(pair.a) || moved(pair.b)) {
+                let moved = |body: usize| arm.joints[joints.clone()].iter().any(|j| j + 1 == body);
+                let guards = |at: usize| moved(self.capsules[at].body);
+                if !self.pairs.iter().any(|pair| guards(pair.a) || guards(pair.b)) {
+                    let links = self.links.iter().filter(|link| moved(link.body)).map(|link| link.name.as_str());
+                    let bound = format!(
+                        "must be at least 1: `collision fit` makes them of shapes of its links, {}. If the URDF has none, name \
+                         one with shapes by a second --urdf",
+                        links.collect::<Vec<_>>().join(", ")
+                    );
                     let key = format!("checked pairs of capsules on the {side} {part}");
-                    let bound = "must be at least 1: run `collision fit`";
-                    return Err(RobotError::value(&self.texts.toml_name, key, "0", bound));
+                    errors.push(RobotError::value(&self.texts.toml_name, key, "0", bound));
                 }
             }
         }
-        Ok(())
+        RobotError::all(errors)
     }
 
     /// A mask with every joint of the robot set.
@@ -229,7 +236,6 @@ impl Source<'_> {
         let commanded = self.find_joints(&file, tree)?;
         let (joint_names, prismatic) = (&commanded.names, commanded.prismatic);
         let (joint_frames, links) = self.split_bodies((&file.base_link, file.base_height_m), &commanded, tree)?;
-
         let urdf_limits = self.urdf_limits(&commanded, tree)?;
         self.check_names("tighten", file.tighten.keys(), joint_names)?;
         let groups = self.groups(&file.limits, joint_names)?;

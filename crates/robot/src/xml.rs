@@ -57,9 +57,10 @@ impl Element {
             }
         }
         let whole = open.len() == 1;
-        let root = open.swap_remove(0).children.into_iter().next();
-        let cause = if whole { "has no element: it is no URDF" } else { "ends inside an element" };
-        root.filter(|_| whole).ok_or_else(|| RobotError::Syntax { file: file.into(), cause: cause.into() })
+        let mut roots = open.swap_remove(0).children.into_iter();
+        let cause = if whole { "must have one root element, <robot>" } else { "ends inside an element" };
+        let root = roots.next().filter(|_| whole && roots.next().is_none());
+        root.ok_or_else(|| RobotError::Syntax { file: file.into(), cause: cause.into() })
     }
 
     fn new(tag: &BytesStart<'_>, place: &str, line: usize) -> Result<Self, RobotError> {

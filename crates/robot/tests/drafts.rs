@@ -66,9 +66,7 @@ fn elbow_that_bends_both_ways_bends_as_the_arm_hangs() {
     assert_eq!(model.arms[1].reference, [0.0, -FRAC_PI_2, 0.0, 0.0, 0.0]);
     let home = model.arms.map(|arm| arm.joints.map(|joint| model.home[joint]));
     assert!(home[0][3] < -1.0, "{home:?}");
-    for i in 0..7 {
-        assert_eq!(home[1][i], model.arms[1].signs[i] * home[0][i] + 0.0);
-    }
+    assert_eq!(home[1], std::array::from_fn(|i| model.arms[1].signs[i] * home[0][i] + 0.0));
 }
 
 /// The T-pose lies at plus or minus half a turn of the first joint. Only one of them is in the range.

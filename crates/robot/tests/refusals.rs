@@ -302,6 +302,7 @@ fn arm_that_no_checked_pair_guards_is_refused() {
     load(TOML, URDF).unwrap().check_guarded().expect("the shipped robot");
     let error = load(&table.to_string(), URDF).unwrap().check_guarded().unwrap_err().to_string();
     assert!(error.contains("tiago_dual.toml: checked pairs of capsules on the right upper arm = 0"), "{error}");
+    assert!(error.contains("right forearm = 0") && error.contains("arm_right_5_link. If the URDF has none"), "{error}");
 }
 
 fn with_proved_clear(first: &str, second: &str) -> String {

@@ -72,7 +72,7 @@ fn joint_without_end_takes_a_range_from_the_robot_file() {
     let toml = drafted(&urdf);
     assert!(toml.contains("[supply.port_e]\nposition_min_rad = -3.14 "), "{toml}");
     let model = with_capsule(&toml, &urdf).unwrap_or_else(|error| panic!("{error}"));
-    assert_eq!(model.urdf_limits[model.arms[1].joints[4]].q_max, 3.14);
+    assert_eq!(model.urdf_limits[model.arms[1].joints[4]].q_max, "3.14".parse().unwrap());
     let half = toml.replacen("position_max_rad = 3.14 ", "# ", 1);
     assert!(with_capsule(&half, &urdf).unwrap_err().to_string().contains("both ends of the range"));
     let none = toml.replace("[supply.port_e]\n", "[supply.port_d]\n");

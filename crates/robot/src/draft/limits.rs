@@ -20,7 +20,7 @@ const SPEED: f64 = 1.0;
 /// Proposed effort of such a joint, as a multiple of what holds the arm level. Assumption.
 const EFFORT: f64 = 2.0;
 
-/// What moves with a joint in a posture: its inertia about the axis (kg m^2), and the torques that hold it against gravity:
+/// The load of a joint in a posture: the inertia of all that it moves about the axis (kg m^2), and the torques that hold it against gravity:
 /// in this attitude, and in the worst one (N m).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Load {
@@ -63,7 +63,7 @@ pub(super) struct Supplied {
     pub(super) joint: usize,
     pub(super) key: &'static str,
     pub(super) value: f64,
-    /// What the URDF says.
+    /// The URDF's word on it.
     pub(super) stated: String,
 }
 

@@ -1,4 +1,4 @@
-//! What a draft tells the person who completes it.
+//! Sentences of a draft for the person who completes it.
 
 use super::Found;
 use crate::urdf::Tree;
@@ -55,6 +55,13 @@ pub(super) fn notes(tree: &Tree, found: &Found) -> (Vec<String>, Vec<String>) {
         ));
     }
     decisions.extend(massless(tree, found));
+    let head: Vec<usize> = found.body.iter().copied().filter(|joint| super::tree::is_head(tree, *joint)).collect();
+    if head.len() >= 2 {
+        decisions.push(format!(
+            "To let two of {} turn the head as the person's, name them as head_joints.",
+            list(tree, &head)
+        ));
+    }
     decisions.extend([
         format!(
             "base_height_m = {} is the height of `{}` above the lowest link's origin, with all joints at zero: enter its height above the floor.",

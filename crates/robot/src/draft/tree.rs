@@ -133,7 +133,7 @@ pub(super) fn find_arms(tree: &Tree) -> Result<Arms, String> {
     found.ok_or_else(|| too_short(tree, short))
 }
 
-/// What the two longest chains are, and why they end.
+/// The two longest chains, and why they end.
 fn too_short(tree: &Tree, mut chains: Vec<Chain>) -> String {
     // A chain is there once for each link above it.
     chains.sort_by_key(|chain| std::cmp::Reverse(chain.joints.len()));
@@ -171,6 +171,12 @@ pub(super) fn named_side(tree: &Tree, joints: &[usize]) -> f64 {
     if sum == 0.0 { 0.0 } else { sum.signum() }
 }
 
+/// Returns true if the name of a joint or of its link is a head's.
+pub(super) fn is_head(tree: &Tree, joint: usize) -> bool {
+    let link = tree.links[tree.joints[joint].child].to_lowercase();
+    has_word(tree, joint, &HEAD_WORDS) || HEAD_WORDS.iter().any(|word| link.contains(word))
+}
+
 /// Joints that move the torso, and those of a head. Joints that cannot be commanded are left out.
 pub(super) fn body_joints(tree: &Tree, torso: usize, arms: &[[usize; ARM_JOINTS]; 2]) -> Vec<usize> {
     let commandable = |joint: &usize| {
@@ -183,14 +189,10 @@ pub(super) fn body_joints(tree: &Tree, torso: usize, arms: &[[usize; ARM_JOINTS]
         body.insert(0, above);
         at = tree.joints[above].parent;
     }
-    let is_head = |joint: &usize| {
-        let names = format!("{} {}", tree.joints[*joint].name, tree.links[tree.joints[*joint].child]).to_lowercase();
-        HEAD_WORDS.iter().any(|word| names.contains(word))
-    };
     let mut open = vec![torso];
     while let Some(link) = open.pop() {
         for joint in below(tree, link).filter(|joint| !arms.iter().flatten().any(|arm| arm == joint)) {
-            if is_head(&joint) {
+            if is_head(tree, joint) {
                 body.push(joint);
             }
             open.push(tree.joints[joint].child);

@@ -92,7 +92,7 @@ pub(super) fn toml(urdf_name: &str, tree: &Tree, found: &Found) -> String {
     out
 }
 
-/// What is said after the torso's link: the line that turns its frame, if it must be turned.
+/// The comment after the torso's link, with the line that turns its frame if it must be turned.
 fn turn(found: &Found) -> String {
     if found.link_from_torso == Matrix3::identity() {
         return "must be x forward, y left, z up: the frame of the limb rotations".into();
