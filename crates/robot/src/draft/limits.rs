@@ -20,8 +20,8 @@ const SPEED: f64 = 1.0;
 /// Proposed effort of such a joint, as a multiple of what holds the arm level. Assumption.
 const EFFORT: f64 = 2.0;
 
-/// The load of a joint in a posture: the inertia of all that it moves about the axis (kg m^2), and the torques that hold it against gravity:
-/// in this attitude, and in the worst one (N m).
+/// The load of a joint in a posture: the inertia of all that it moves about the axis (kg m^2), and the torques that hold it
+/// against gravity: in this attitude, and in the worst one (N m).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Load {
     inertia: f64,

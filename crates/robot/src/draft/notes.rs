@@ -64,11 +64,13 @@ pub(super) fn notes(tree: &Tree, found: &Found) -> (Vec<String>, Vec<String>) {
     }
     decisions.extend([
         format!(
-            "base_height_m = {} is the height of `{}` above the lowest link's origin, with all joints at zero: enter its height above the floor.",
+            "base_height_m = {} is the height of `{}` above the lowest link's origin, with all joints at zero: enter \
+             its height above the floor.",
             found.base_height_m, tree.links[tree.root]
         ),
         format!(
-            "The last joint of an arm, such as `{}`, must turn the whole hand: if it moves fingers, the arm has six joints and is not supported.",
+            "The last joint of an arm, such as `{}`, must turn the whole hand: if it moves fingers, the arm has six joints \
+             and is not supported.",
             tree.joints[found.arms[0][ARM_JOINTS - 1]].name
         ),
         "Accelerations come from effort and inertia. Jerks and reduced speeds are assumptions: ask the manufacturer, then see \
