@@ -62,9 +62,6 @@ pub struct Cli {
     /// robot's name in weights]
     #[arg(long, value_name = "FILE", value_parser = tensors)]
     pub weights: Option<PathBuf>,
-    /// Folder of the learned baselines' weights
-    #[arg(long, value_name = "DIR", default_value = "weights/baselines")]
-    pub baselines: PathBuf,
     /// Clips: names separated by commas, or all [default: every fifth starting with the third, which training
     /// leaves out. If there are fewer than five, or for --following and --refusals: all]
     #[arg(long, value_name = "NAMES")]
@@ -82,12 +79,6 @@ pub struct Cli {
     /// Draw the figures as SVG files into this folder. With --following: one picture per clip
     #[arg(long, value_name = "DIR", visible_alias = "plots")]
     pub plot: Option<PathBuf>,
-    /// Also measure the eleven named motions, and print the figures of the paper beside them
-    #[arg(long)]
-    pub paper_table: bool,
-    /// Draw human, paper, S3LE and ours in named poses as an SVG file
-    #[arg(long, value_name = "FILE")]
-    pub figure3: Option<PathBuf>,
     /// Also interpolate between random key poses in the latent space and in joint space
     #[arg(long)]
     pub keyposes: bool,

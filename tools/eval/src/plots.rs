@@ -4,7 +4,6 @@ use crate::methods::Posture;
 use crate::metrics::Task;
 use crate::report::Report;
 use crate::stick_figures::{Area, Drawn, FigureKind, draw, limbs_of, with_limbs};
-use messages::SMPL_JOINTS;
 use plotters::chart::SeriesAnno;
 use plotters::prelude::*;
 use retarget::ArmModel;
@@ -168,22 +167,4 @@ fn poses(area: &Area<'_>, arm: &ArmModel, tasks: &[Task], name: &str, postures: 
 pub fn label(area: &Area<'_>, text: &str) -> Drawn {
     let (_, height) = area.dim_in_pixel();
     area.draw(&Text::new(text.to_owned(), (8, height as i32 - 18), ("sans-serif", 13)))
-}
-
-pub type FigureRow = (String, FigureKind, Vec<[[f32; 3]; SMPL_JOINTS]>);
-
-pub fn figure_rows(path: &Path, columns: &[String], rows: &[FigureRow]) -> Result<(), Failure> {
-    let size = (170 * columns.len() as u32, 200 * rows.len() as u32);
-    paint_file(path, size, |area| {
-        let cells = area.split_evenly((rows.len(), columns.len()));
-        for (row, (name, who, figures)) in rows.iter().enumerate() {
-            for (column, positions) in figures.iter().enumerate() {
-                let Some(cell) = cells.get(row * columns.len() + column) else { continue };
-                draw(cell, positions, *who)?;
-                let text = columns.get(column).map_or_else(String::new, |pose| format!("{name}: {pose}"));
-                label(cell, &text)?;
-            }
-        }
-        Ok(())
-    })
 }

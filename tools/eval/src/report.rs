@@ -12,7 +12,6 @@ use std::path::Path;
 
 #[derive(Clone, Debug, Serialize)]
 pub struct Measured {
-    pub trained_on: Option<String>,
     #[serde(flatten)]
     pub figures: MethodFigures,
     pub us_per_pose: Option<f64>,
@@ -109,17 +108,6 @@ impl Report {
         )?;
         for (name, missing) in self.missing() {
             writeln!(f, "missing {name}: {}", missing.command)?;
-        }
-        let mut trained: Vec<(&str, Vec<&str>)> = Vec::new();
-        for (name, measured) in self.measured() {
-            let Some(trained_on) = &measured.trained_on else { continue };
-            match trained.iter_mut().find(|(text, _)| text == trained_on) {
-                Some((_, names)) => names.push(name),
-                None => trained.push((trained_on, vec![name])),
-            }
-        }
-        for (text, names) in trained {
-            writeln!(f, "{}: {text}", names.join(", "))?;
         }
         writeln!(f, "{} clips of {}: {}", setting.clips.len(), setting.human, setting.clips.join(" "))?;
         writeln!(f, "{} frames of both arms; hinges calibrated on: {}", setting.frames, setting.calibration)?;

@@ -6,12 +6,11 @@ use crate::methods::{Method, Missing, Posture, Solver, prepare};
 use crate::metrics::{Task, measure};
 use crate::report::{Measured, Report, Setting};
 use crate::timing::{Moment, us_per_pose};
-use crate::{contacts, following, keyposes, paper, plots, refusals, video, words};
+use crate::{contacts, following, keyposes, plots, refusals, video, words};
 use ::report::print;
 use config::{Loaded, Overrides};
 use rayon::prelude::*;
 use retarget::{ArmIdentity, ArmModel, Weights};
-use robot::Model;
 use rt::{Exit, Failure};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -56,7 +55,7 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), Failure> {
     let files = motion::motion_files(human).map_err(Failure::with(Exit::NoInput))?;
     let trains = cli.clips.is_none() && files.len() >= VALIDATION_EVERY;
     let training = if trains { human } else { Path::new("MOTIONS") };
-    let methods = prepare(cli, training, &identity, weights.as_ref())?;
+    let methods = prepare(cli, training, weights.as_ref())?;
     let missing = methods.iter().find_map(|method| Some((&method.name, method.solver.as_ref().err()?)));
     if let Some((name, Missing { reason, command })) = missing.filter(|_| cli.methods.is_some()) {
         let text = format!("--methods names {name}, but {reason}; make it with: {command}");
@@ -71,7 +70,6 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), Failure> {
         print(&interpolation);
         json["keyposes"] = json!(interpolation);
     }
-    named_motions(cli, &model, &methods, &mut json)?;
     if let Some(folder) = &cli.plot {
         let ready = |name: &str| methods.iter().find(|method| method.name == name)?.solver.as_ref().ok();
         let shown = ["ours_k2", "sew"].into_iter().find_map(|name| ready(name).map(|solver| (name, solver)));
@@ -92,23 +90,6 @@ pub(crate) fn write_json(cli: &Cli, json: &Value) -> Result<(), Failure> {
     let Some(path) = &cli.json else { return Ok(()) };
     std::fs::write(path, format!("{json:#}\n")).map_err(|cause| Failure::unwritable(path, &cause))?;
     print(&format!("wrote {}\n", path.display()));
-    Ok(())
-}
-
-fn named_motions(cli: &Cli, model: &Model, methods: &[Method], json: &mut Value) -> Result<(), Failure> {
-    if !cli.paper_table && cli.figure3.is_none() {
-        return Ok(());
-    }
-    let tasks = paper::named_tasks(model);
-    if cli.paper_table {
-        let table = paper::table(model, methods, &tasks);
-        print(&table);
-        json["paper_table"] = json!(table);
-    }
-    if let Some(path) = &cli.figure3 {
-        paper::figure(path, model, methods, &tasks)?;
-        print(&format!("wrote {}\n", path.display()));
-    }
     Ok(())
 }
 
@@ -143,11 +124,7 @@ pub fn report(
     let moments = moments(tasks);
     let measured = |solver: &Solver| {
         let postures = postures(solver, arm, tasks);
-        Measured {
-            figures: measure(arm, tasks, &postures),
-            us_per_pose: us_per_pose(solver, arm, &moments),
-            trained_on: solver.trained_on(),
-        }
+        Measured { figures: measure(arm, tasks, &postures), us_per_pose: us_per_pose(solver, arm, &moments) }
     };
     let rows = methods.iter().map(|Method { name, solver }| {
         let result = solver.as_ref().map(measured).map_err(Missing::clone);

@@ -1,11 +1,11 @@
 //! The command line.
 
 use crate::networks::Size;
+use crate::objective::Weighting;
 use crate::optimiser::Schedule;
-use crate::preset::Preset;
 use crate::sampling::Mixture;
 use crate::session::Options;
-use clap::Parser;
+use clap::{Parser, ValueEnum};
 use motion::CalibrationMode;
 use report::out_of_bounds;
 use rt::Failure;
@@ -39,7 +39,7 @@ pub struct Cli {
     /// The same of other people, on whom --lifter is judged
     #[arg(long, value_name = "DIR")]
     pub validation: Option<PathBuf>,
-    /// Networks to train, and length of the training
+    /// Length of the training
     #[arg(long, value_enum, default_value = "full")]
     pub preset: Preset,
     /// Number of steps, 1 to 10000000, instead of the preset's
@@ -59,6 +59,15 @@ pub struct Cli {
     pub calibration: CalibrationMode,
 }
 
+/// Length of a training.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Preset {
+    /// Minutes, for a first look
+    Quick,
+    /// As the shipped weights
+    Full,
+}
+
 fn calibration(text: &str) -> Result<CalibrationMode, String> {
     CalibrationMode::among(text, &[CalibrationMode::Clip, CalibrationMode::First10s])
 }
@@ -66,10 +75,12 @@ fn calibration(text: &str) -> Result<CalibrationMode, String> {
 impl Cli {
     /// Returns the options of a new run.
     pub fn options(&self) -> Result<Options, Failure> {
-        let recipe = self.preset.recipe();
-        let steps = self.steps.unwrap_or(recipe.steps);
-        let batch = self.batch.unwrap_or(recipe.batch);
-        let rate = self.rate.unwrap_or(recipe.rate);
+        let steps = self.steps.unwrap_or(match self.preset {
+            Preset::Quick => 6_000,
+            Preset::Full => 80_000,
+        });
+        // Batch, rate and decay: `weights/EXPERIMENTS.md`.
+        let (batch, rate) = (self.batch.unwrap_or(256), self.rate.unwrap_or(4e-3));
         if batch < 4 || !batch.is_multiple_of(2) || batch > 65_536 {
             return Err(out_of_bounds("--batch", batch, "an even number from 4 to 65536"));
         }
@@ -78,12 +89,11 @@ impl Cli {
         }
         Ok(Options {
             size: Size { hidden_layers: 6, hidden_width: 128 },
-            pose: recipe.pose,
             batch,
-            schedule: Schedule { peak: rate, warm_up: 500.min(steps / 4), second_decay: recipe.second_decay, steps },
+            schedule: Schedule { peak: rate, warm_up: 500.min(steps / 4), second_decay: 0.99, steps },
             seed: self.seed,
-            weighting: recipe.weighting,
-            mixture: Mixture { noisy_copies: recipe.weighting.steadiness > 0.0, ..Mixture::default() },
+            weighting: Weighting::OURS,
+            mixture: Mixture::default(),
         })
     }
 }

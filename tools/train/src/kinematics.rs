@@ -103,38 +103,6 @@ pub struct Fit {
     pub gradient: [f32; ARM],
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum HumanInput {
-    /// Bone and hinge axes of both limbs in the torso frame. See `features`.
-    Axes,
-    /// Rotation of the upper arm in the torso frame, and of the forearm in the upper arm's frame, x, y, z, w
-    /// with w >= 0. This is the paper's input: rotations relative to the parent.
-    LocalQuaternions,
-}
-
-impl HumanInput {
-    pub const fn width(self) -> usize {
-        match self {
-            Self::Axes => FEATURES,
-            Self::LocalQuaternions => 8,
-        }
-    }
-
-    pub fn write(self, limbs: &Limbs, out: &mut [f32]) {
-        match self {
-            Self::Axes => out.copy_from_slice(&features(limbs)),
-            Self::LocalQuaternions => {
-                let [x, y, z, w] = limbs[0];
-                for (part, q) in out.chunks_exact_mut(4).zip([limbs[0], product([-x, -y, -z, w], limbs[1])]) {
-                    let sign = if q[3] < 0.0 { -1.0 } else { 1.0 };
-                    part.copy_from_slice(&q.map(|v| sign * v));
-                }
-            }
-        }
-    }
-}
-
 impl Arm {
     /// Returns the limb rotations at joint positions `q` (rad).
     pub fn forward(&self, q: &[f32; ARM]) -> Limbs {

@@ -7,7 +7,6 @@
 
 #![allow(missing_docs, reason = "the library of a program: only the program, tests and other tools use it")]
 
-pub mod baseline;
 pub mod cli;
 pub mod clips;
 pub mod evaluation;
@@ -20,9 +19,7 @@ pub mod mlp;
 pub mod networks;
 pub mod objective;
 pub mod optimiser;
-pub mod pairs;
 pub mod prediction;
-pub mod preset;
 pub mod run;
 pub mod sampling;
 pub mod session;

@@ -1,7 +1,6 @@
-//! The three perceptrons in one parameter vector. For one arm they are Q_h 12 -> 8, Q_r 5 -> 8, D_r 8 -> 5. For
-//! both arms with one latent, as baselines, they are Q_h 24 or 16 -> 8, Q_r 10 -> 8, D_r 8 -> 10.
+//! The three perceptrons of an arm in one parameter vector: Q_h 12 -> 8, Q_r 5 -> 8, D_r 8 -> 5.
 
-use crate::kinematics::{ARM, HumanInput};
+use crate::kinematics::{ARM, FEATURES};
 use crate::mlp::{Mlp, Shape};
 use rand_pcg::Pcg64;
 use retarget::Layers;
@@ -12,7 +11,7 @@ pub const LATENT: usize = 8;
 /// factor the limits themselves would be out of reach.
 pub const REACH: f32 = 1.02;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size {
     /// Number of hidden layers. The paper has 6.
     pub hidden_layers: usize,
@@ -20,36 +19,9 @@ pub struct Size {
     pub hidden_width: usize,
 }
 
-/// Content of one latent, and input of the human encoder.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct Pose {
-    /// Arms per latent: 1 (the product), or 2, the whole pose.
-    pub arms: usize,
-    pub input: HumanInput,
-}
-
-impl Default for Pose {
-    fn default() -> Self {
-        Self { arms: 1, input: HumanInput::Axes }
-    }
-}
-
-impl Pose {
-    /// Number of inputs of the human encoder.
-    pub const fn features(self) -> usize {
-        self.arms * self.input.width()
-    }
-
-    pub const fn joints(self) -> usize {
-        self.arms * ARM
-    }
-}
-
 /// Layout of the three perceptrons in one parameter vector.
 #[derive(Clone, Debug)]
 pub struct Networks {
-    pub size: Size,
-    pub pose: Pose,
     /// Q_h: human features to latent.
     pub human: Mlp,
     /// Q_r: normalised joint positions to latent.
@@ -59,13 +31,13 @@ pub struct Networks {
 }
 
 impl Networks {
-    pub fn new(size: Size, pose: Pose) -> Self {
+    pub fn new(size: Size) -> Self {
         let Size { hidden_layers, hidden_width } = size;
         let shape = |input, output| Shape { input, hidden_layers, hidden_width, output };
-        let human = Mlp::new(shape(pose.features(), LATENT), 0);
-        let robot = Mlp::new(shape(pose.joints(), LATENT), human.end());
-        let decoder = Mlp::new(shape(LATENT, pose.joints()), robot.end());
-        Self { size, pose, human, robot, decoder }
+        let human = Mlp::new(shape(FEATURES, LATENT), 0);
+        let robot = Mlp::new(shape(ARM, LATENT), human.end());
+        let decoder = Mlp::new(shape(LATENT, ARM), robot.end());
+        Self { human, robot, decoder }
     }
 
     pub fn parameters(&self) -> usize {

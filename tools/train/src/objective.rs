@@ -7,7 +7,7 @@
 //! the unclamped output. Every term is a mean. The kinematics see the clamped output and move only outputs
 //! inside the limits. Outputs outside are brought back by the overrun alone.
 
-use crate::kinematics::{ARM, Arm, Limbs, s_gr};
+use crate::kinematics::{ARM, Arm, s_gr};
 use crate::mlp::Trace;
 use crate::networks::{LATENT, Networks, REACH};
 use crate::sampling::Batch;
@@ -30,8 +30,6 @@ pub struct PerTerm<T> {
     pub reconstruction: T,
     /// |z - Q_r(D(z))| of human latents, mean over the latent's components.
     pub cycle: T,
-    /// |Q_h(x_h) - Q_r(x_r)|^2 of given pairs, mean over the latent's components. S3LE learns from this term.
-    pub pairing: T,
 }
 
 /// Weights of the loss terms. The default is zero.
@@ -49,7 +47,6 @@ impl<T: Copy> PerTerm<T> {
             triplet: combine(self.triplet, other.triplet),
             reconstruction: combine(self.reconstruction, other.reconstruction),
             cycle: combine(self.cycle, other.cycle),
-            pairing: combine(self.pairing, other.pairing),
         }
     }
 }
@@ -65,7 +62,6 @@ impl Weighting {
         triplet: 1.0,
         reconstruction: 1.0,
         cycle: 0.2,
-        pairing: 0.0,
     };
 }
 
@@ -73,7 +69,7 @@ impl Terms {
     pub fn total(&self, weighting: &Weighting) -> f64 {
         let of = self.zip(weighting, |value, weight| value * f64::from(weight));
         let human = of.kinematics + of.angle + of.limits + of.steadiness;
-        human + of.triplet + of.reconstruction + of.cycle + of.pairing
+        human + of.triplet + of.reconstruction + of.cycle
     }
 }
 
@@ -101,7 +97,7 @@ pub struct Shard {
 impl Shard {
     pub fn new(networks: &Networks, rows: usize) -> Self {
         Self {
-            batch: Batch::new(rows, networks.pose),
+            batch: Batch::new(rows),
             gradient: vec![0.0; networks.parameters()],
             human: networks.human.trace(rows),
             robot: networks.robot.trace(rows),
@@ -110,9 +106,9 @@ impl Shard {
             grad_human: vec![0.0; rows * LATENT],
             grad_robot: vec![0.0; rows * LATENT],
             grad_cycle: vec![0.0; rows * LATENT],
-            grad_output: vec![0.0; 2 * rows * networks.pose.joints()],
+            grad_output: vec![0.0; 2 * rows * ARM],
             grad_latent: vec![0.0; 2 * rows * LATENT],
-            grad_cycle_input: vec![0.0; rows * networks.pose.joints()],
+            grad_cycle_input: vec![0.0; rows * ARM],
         }
     }
 
@@ -132,13 +128,12 @@ impl Shard {
         let latent = Some(self.grad_latent.as_mut_slice());
         networks.decoder.backward(parameters, &mut self.decoder, &self.grad_output, &mut self.gradient, latent);
         let triplet = self.triplet_term(weighting.triplet);
-        let pairing = self.pairing_term(weighting.pairing);
         let (of_human, of_robot) = self.grad_latent.split_at(rows * LATENT);
         self.grad_human.iter_mut().zip(of_human).for_each(|(g, v)| *g += v);
         self.grad_robot.iter_mut().zip(of_robot).for_each(|(g, v)| *g += v);
         networks.human.backward(parameters, &mut self.human, &self.grad_human, &mut self.gradient, None);
         networks.robot.backward(parameters, &mut self.robot, &self.grad_robot, &mut self.gradient, None);
-        Terms { kinematics, angle, limits, steadiness, triplet, reconstruction, cycle, pairing }
+        Terms { kinematics, angle, limits, steadiness, triplet, reconstruction, cycle }
     }
 
     /// Runs both encoders, and the decoder on both latents. The decoder's output becomes 1.02 tanh, the
@@ -169,23 +164,6 @@ impl Shard {
             self.grad_cycle[i] = -scale * sign(difference);
         }
         sum / self.grad_cycle.len() as f64
-    }
-
-    /// Returns mean |z_h - z_r|^2 over the rows taken as pairs. Adds to `grad_human` and `grad_robot`.
-    fn pairing_term(&mut self, weight: f32) -> f64 {
-        if weight == 0.0 {
-            return 0.0;
-        }
-        let count = self.human.output.len();
-        let mut sum = 0.0;
-        for (i, (h, r)) in self.human.output.iter().zip(&self.robot.output).enumerate() {
-            let difference = h - r;
-            sum += f64::from(difference * difference);
-            let gradient = 2.0 * weight / count as f32 * difference;
-            self.grad_human[i] += gradient;
-            self.grad_robot[i] -= gradient;
-        }
-        sum / count as f64
     }
 
     /// Returns S_GR, angle and overrun of the retargeted poses. Fills the human half of `grad_output`.
@@ -220,14 +198,14 @@ impl Shard {
         if weight == 0.0 {
             return 0.0;
         }
-        let (rows, joints) = (self.batch.rows(), self.batch.pose.joints());
+        let rows = self.batch.rows();
         let noisy_copies = (0..rows).filter(|row| Batch::is_noisy_copy(*row));
         let scale = weight / noisy_copies.clone().count() as f32;
         let mut sum = 0.0;
-        for (row, joint) in noisy_copies.flat_map(|row| (0..joints).map(move |joint| (row, joint))) {
-            let at = [(row - 1) * joints + joint, row * joints + joint];
+        for (row, joint) in noisy_copies.flat_map(|row| (0..ARM).map(move |joint| (row, joint))) {
+            let at = [(row - 1) * ARM + joint, row * ARM + joint];
             let n = at.map(|i| self.decoder.output[i]);
-            let half = arm.half[joint % ARM];
+            let half = arm.half[joint];
             let difference = half * (n[1].clamp(-1.0, 1.0) - n[0].clamp(-1.0, 1.0));
             sum += f64::from(difference * difference);
             for ((at, n), side) in at.into_iter().zip(n).zip([-1.0, 1.0]) {
@@ -258,25 +236,20 @@ impl Shard {
         if weight == 0.0 {
             return 0.0;
         }
-        let (rows, arms) = (self.batch.rows(), self.batch.pose.arms);
+        let rows = self.batch.rows();
         let scale = weight / rows as f32;
         let mut sum = 0.0;
         for row in 0..rows {
             let other = (row + self.batch.shift) % rows;
-            let of = |limbs: &'_ [Limbs], row: usize| -> [Limbs; 2] {
-                // A single arm counts twice. The order of distances is the same.
-                [limbs[row * arms], limbs[row * arms + arms - 1]]
-            };
-            // The three members, with their latents and limbs.
+            // The three members: a human's or a robot's, its row, and its limbs.
             let members = [
-                (true, row, of(&self.batch.human, row)),
-                (true, other, of(&self.batch.human, other)),
-                (false, row, of(&self.batch.robot, row)),
+                (true, row, &self.batch.human[row]),
+                (true, other, &self.batch.human[other]),
+                (false, row, &self.batch.robot[row]),
             ];
             let anchor = usize::from(self.batch.anchor[row]);
             let (mut near, mut far) = ((anchor + 1) % 3, (anchor + 2) % 3);
-            let apart =
-                |a: usize, b: usize| -> f32 { members[a].2.iter().zip(&members[b].2).map(|(a, b)| s_gr(a, b)).sum() };
+            let apart = |a: usize, b: usize| s_gr(members[a].2, members[b].2);
             if apart(anchor, near) > apart(anchor, far) {
                 std::mem::swap(&mut near, &mut far);
             }

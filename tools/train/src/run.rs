@@ -1,6 +1,5 @@
 //! Runs the command: reads, trains with a progress bar, evaluates, writes.
 
-use crate::baseline::{Baseline, S3LE_POSTURES, S3LE_SEED};
 use crate::cli::Cli;
 use crate::clips::Clips;
 use crate::evaluation::evaluate;
@@ -9,11 +8,9 @@ use crate::gimbal::Gimbal;
 use crate::kinematics::Arm;
 use crate::lifting;
 use crate::objective::Terms;
-use crate::pairs::{matched, random_postures};
 use crate::prediction;
-use crate::preset::Preset;
-use crate::sampling::{Pair, Recorded};
-use crate::session::{Data, Options, Session, diverged};
+use crate::sampling::Recorded;
+use crate::session::{Options, Session, diverged};
 use crate::start::start;
 use indicatif::{ProgressBar, ProgressStyle};
 use retarget::{ArmIdentity, Manifest, Network};
@@ -45,19 +42,10 @@ pub fn run(cli: &Cli) -> Result<(), Failure> {
     let recorded = clips.recorded();
     let (runs, mut sessions): (Vec<Run>, Vec<Session>) =
         cli.robot.iter().map(|robot| begin(cli, robot, &recorded)).collect::<Result<Vec<_>, _>>()?.into_iter().unzip();
-    let pairs =
-        (cli.preset == Preset::S3le).then(|| sessions.iter().map(|it| pairs(it, &recorded)).collect::<Vec<_>>());
-    let data: Vec<Data<'_>> = match &pairs {
-        Some(pairs) => pairs.iter().map(|pairs| Data::Pairs(pairs)).collect(),
-        None => vec![Data::Unpaired(&recorded); runs.len()],
-    };
-    train(&runs, &mut sessions, &data, &clips)?;
+    train(&runs, &mut sessions, &recorded, &clips)?;
     for (run, session) in runs.iter().zip(&sessions) {
         let trained_on = description(&session.options, &clips, &recorded, cli.calibration.name());
-        match cli.preset.baseline() {
-            Some(name) => Baseline::write(&run.out, name, session, &run.identity, trained_on)?,
-            None => write_product(&run.out, session, &run.identity, &clips, trained_on, cli.calibration.name())?,
-        }
+        write_product(&run.out, session, &run.identity, &clips, trained_on, cli.calibration.name())?;
         println!("wrote {}.safetensors and .toml", run.out.display());
     }
     Ok(())
@@ -78,18 +66,8 @@ fn begin(cli: &Cli, robot: &Path, recorded: &Recorded) -> Result<(Run, Session),
 
 fn options(cli: &Cli, recorded: &Recorded, arm: &Arm) -> Result<Options, Failure> {
     let mut options = cli.options()?;
-    if options.mixture.noisy_copies {
-        options.mixture.gimbal = recorded.share_to_turn(&Gimbal::new(arm));
-    }
+    options.mixture.gimbal = recorded.share_to_turn(&Gimbal::new(arm));
     Ok(options)
-}
-
-/// Returns human poses with the nearest of the known postures. There are as many pairs as known postures.
-fn pairs(session: &Session, recorded: &Recorded) -> Vec<Pair> {
-    println!("matching {S3LE_POSTURES} human poses with {S3LE_POSTURES} robot postures");
-    let postures = random_postures(S3LE_POSTURES, S3LE_SEED);
-    let options = &session.options;
-    matched(session.arm(), &postures, recorded, &options.mixture, S3LE_POSTURES, options.seed)
 }
 
 fn write_product(
@@ -138,7 +116,7 @@ fn description(options: &Options, clips: &Clips, recorded: &Recorded, calibratio
     )
 }
 
-fn train(runs: &[Run], sessions: &mut [Session], data: &[Data<'_>], clips: &Clips) -> Result<(), Failure> {
+fn train(runs: &[Run], sessions: &mut [Session], recorded: &Recorded, clips: &Clips) -> Result<(), Failure> {
     let Some(leader) = sessions.first() else { return Ok(()) };
     let poses = clips.validation_sample(VALIDATION_POSES);
     let steps = leader.options.schedule.steps;
@@ -149,7 +127,7 @@ fn train(runs: &[Run], sessions: &mut [Session], data: &[Data<'_>], clips: &Clip
     let start = Instant::now();
     let mut shown = vec![Terms::default(); runs.len()];
     for step in 1..=steps {
-        let terms = Session::advance_together(sessions, data);
+        let terms = Session::advance_together(sessions, recorded);
         if terms.iter().zip(&*sessions).any(|(terms, it)| !terms.total(&it.options.weighting).is_finite()) {
             return Err(diverged(step));
         }

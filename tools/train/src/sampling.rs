@@ -3,8 +3,7 @@
 //! Every batch has its own generator, created from (seed, step, shard).
 
 use crate::gimbal::Gimbal;
-use crate::kinematics::{ARM, Arm, Limbs, about, product};
-use crate::networks::Pose;
+use crate::kinematics::{ARM, Arm, FEATURES, Limbs, about, features, product};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
@@ -23,13 +22,6 @@ pub struct Recorded {
     pub frames: Vec<[Limbs; 2]>,
 }
 
-/// A human pose and the robot posture that it was matched with (S3LE), for both arms.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pair {
-    pub human: [Limbs; 2],
-    pub posture: [[f32; ARM]; 2],
-}
-
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mixture {
     /// Share of procedural poses, 0..=1. The others are recorded. A share of one half cut the error on unseen
@@ -39,8 +31,6 @@ pub struct Mixture {
     pub torso_jitter_rad: f32,
     /// Largest rotation of each limb by itself about each torso axis, rad.
     pub limb_jitter_rad: f32,
-    /// True if some rows repeat the previous row with a tracker's noise.
-    pub noisy_copies: bool,
     /// Share of the recorded poses with a noisy copy that are turned to the arm's gimbal, 0..=1.
     pub gimbal: f64,
 }
@@ -55,19 +45,15 @@ impl Recorded {
         ((NEAR_GIMBAL - share) / (1.0 - share)).max(0.0)
     }
 
-    /// Draws a recorded or procedural pose of `arms` arms, with jitter. A single arm is either arm of a frame.
-    pub fn draw(&self, rng: &mut Pcg64, from_recording: bool, mixture: &Mixture, arms: &mut [Limbs]) {
-        let both = arms.len() == 2;
-        if from_recording && !self.frames.is_empty() {
+    /// Draws a recorded or procedural pose, with jitter. It is either arm of a frame.
+    fn draw(&self, rng: &mut Pcg64, from_recording: bool, mixture: &Mixture) -> Limbs {
+        let arm = if from_recording && !self.frames.is_empty() {
             let frame = &self.frames[rng.random_range(0..self.frames.len())];
-            let first = if both { 0 } else { rng.random_range(0..2) };
-            arms.copy_from_slice(&frame[first..first + arms.len()]);
+            frame[rng.random_range(0..2)]
         } else {
-            arms.iter_mut().for_each(|arm| *arm = procedural(rng));
-        }
-        for arm in arms {
-            *arm = jittered(rng, arm, mixture);
-        }
+            procedural(rng)
+        };
+        jittered(rng, &arm, mixture)
     }
 }
 
@@ -79,7 +65,6 @@ impl Default for Mixture {
             procedural: 0.5,
             torso_jitter_rad: 10_f32.to_radians(),
             limb_jitter_rad: 3_f32.to_radians(),
-            noisy_copies: true,
             gimbal: 0.0,
         }
     }
@@ -88,14 +73,13 @@ impl Default for Mixture {
 /// One batch: human poses, robot postures, and the triplets that they form. All vectors have `rows` rows.
 #[derive(Clone, Debug)]
 pub struct Batch {
-    pub pose: Pose,
     /// `[rows, inputs of the human encoder]`.
     pub features: Vec<f32>,
-    /// `[rows, arms]` human limb rotations.
+    /// `[rows]` human limb rotations.
     pub human: Vec<Limbs>,
     /// `[rows, joints]` joint positions, normalised to -1..1 over the limits.
     pub posture: Vec<f32>,
-    /// `[rows, arms]` limb rotations of the postures.
+    /// `[rows]` limb rotations of the postures.
     pub robot: Vec<Limbs>,
     /// Row i forms a triplet of human i, human (i + shift) mod rows and robot i.
     pub shift: usize,
@@ -104,15 +88,14 @@ pub struct Batch {
 }
 
 impl Batch {
-    pub fn new(rows: usize, pose: Pose) -> Self {
+    pub fn new(rows: usize) -> Self {
         assert!(rows >= 2, "a triplet needs two human poses");
         let identity = [[0.0, 0.0, 0.0, 1.0]; 2];
         Self {
-            pose,
-            features: vec![0.0; rows * pose.features()],
-            human: vec![identity; rows * pose.arms],
-            posture: vec![0.0; rows * pose.joints()],
-            robot: vec![identity; rows * pose.arms],
+            features: vec![0.0; rows * FEATURES],
+            human: vec![identity; rows],
+            posture: vec![0.0; rows * ARM],
+            robot: vec![identity; rows],
             shift: 1,
             anchor: vec![0; rows],
         }
@@ -133,44 +116,27 @@ impl Batch {
         let mut rng = generator(seed, step, shard);
         let rows = self.rows();
         let from_recording = ((1.0 - mixture.procedural) * rows as f64).round() as usize;
-        let mut before = [[[0.0, 0.0, 0.0, 1.0]; 2]; 2];
+        let mut before = [[0.0, 0.0, 0.0, 1.0]; 2];
         let gimbal = Gimbal::new(arm);
-        for (row, arms) in self.human.chunks_exact_mut(self.pose.arms).enumerate() {
-            if mixture.noisy_copies && Self::is_noisy_copy(row) {
-                arms.iter_mut().zip(&before).for_each(|(arm, other)| *arm = noisy(&mut rng, other));
+        for (row, arm) in self.human.iter_mut().enumerate() {
+            if Self::is_noisy_copy(row) {
+                *arm = noisy(&mut rng, &before);
             } else {
-                recorded.draw(&mut rng, row < from_recording, mixture, arms);
+                *arm = recorded.draw(&mut rng, row < from_recording, mixture);
                 let has_noisy_copy = Self::is_noisy_copy(row + 1) && row < from_recording;
                 if mixture.gimbal > 0.0 && has_noisy_copy && rng.random_bool(mixture.gimbal) {
-                    arms.iter_mut().for_each(|arm| *arm = near(&mut rng, &gimbal, arm));
+                    *arm = near(&mut rng, &gimbal, arm);
                 }
             }
-            before[..arms.len()].copy_from_slice(arms);
+            before = *arm;
         }
         self.posture.fill_with(|| rng.random_range(-1.0..1.0));
         for anchor in &mut self.anchor {
             *anchor = rng.random_range(0..3);
         }
         self.shift = rng.random_range(1..rows);
-        self.derive(arm);
-    }
-
-    /// Draws pairs of a human pose and a robot posture, for both arms. The same arguments give the same batch.
-    pub fn draw_pairs(&mut self, seed: u64, step: u64, shard: u64, arm: &Arm, pairs: &[Pair]) {
-        let mut rng = generator(seed, step, shard);
-        let width = self.pose.joints();
-        for (row, arms) in self.human.chunks_exact_mut(2).enumerate() {
-            let pair = &pairs[rng.random_range(0..pairs.len())];
-            arms.copy_from_slice(&pair.human);
-            self.posture[row * width..(row + 1) * width].copy_from_slice(pair.posture.as_flattened());
-        }
-        self.derive(arm);
-    }
-
-    fn derive(&mut self, arm: &Arm) {
-        let input = self.pose.input;
-        for (limbs, features) in self.human.iter().zip(self.features.chunks_exact_mut(input.width())) {
-            input.write(limbs, features);
+        for (limbs, row) in self.human.iter().zip(self.features.as_chunks_mut::<FEATURES>().0) {
+            *row = features(limbs);
         }
         for (limbs, posture) in self.robot.iter_mut().zip(self.posture.as_chunks::<ARM>().0) {
             *limbs = arm.forward(&arm.denormalised(posture));
@@ -260,7 +226,7 @@ mod tests {
     fn batch_depends_on_its_seed_step_and_shard_alone() {
         let recorded = Recorded { frames: vec![[[[0.0, 0.0, 0.0, 1.0]; 2]; 2]; 3] };
         let draw = |seed, step, shard| {
-            let mut batch = Batch::new(16, Pose::default());
+            let mut batch = Batch::new(16);
             batch.draw(seed, step, shard, &example_arm(), &recorded, &Mixture::default());
             batch
         };
@@ -283,7 +249,7 @@ mod tests {
         for (arm, least, most) in [(example_arm(), 0.99, 1.0), (sideways, 0.25, 0.55)] {
             let gimbal = Gimbal::new(&arm);
             let mixture = Mixture { procedural: 0.0, gimbal: recorded.share_to_turn(&gimbal), ..Mixture::default() };
-            let mut batch = Batch::new(1600, Pose::default());
+            let mut batch = Batch::new(1600);
             batch.draw(1, 1, 0, &arm, &recorded, &mixture);
             let near = |rows: &[Limbs]| rows.iter().filter(|limbs| gimbal.is_near(limbs)).count() as f64;
             let noisy_copies: Vec<Limbs> = batch.human.iter().copied().skip(1).step_by(8).collect();

@@ -1,28 +1,21 @@
 //! A training run in memory: networks, optimiser and two shards, one thread each.
 
-use crate::kinematics::{ARM, Arm, Limbs, limb_degrees};
-use crate::networks::{LATENT, Networks, Pose, REACH, Size};
+use crate::kinematics::{ARM, Arm, FEATURES, Limbs, features, limb_degrees};
+use crate::networks::{Networks, REACH, Size};
 use crate::objective::{Shard, Terms, Weighting};
 use crate::optimiser::{Adam, Schedule};
-use crate::sampling::{Mixture, Pair, Recorded};
+use crate::sampling::{Mixture, Recorded};
 use rt::{Exit, Failure};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     pub size: Size,
-    pub pose: Pose,
     /// Poses per step. The number is even, and each thread takes half of it.
     pub batch: usize,
     pub schedule: Schedule,
     pub seed: u64,
     pub weighting: Weighting,
     pub mixture: Mixture,
-}
-
-#[derive(Clone, Copy, Debug)]
-pub enum Data<'a> {
-    Unpaired(&'a Recorded),
-    Pairs(&'a [Pair]),
 }
 
 /// A run. It is bit-reproducible: the shards are fixed, and their gradients are added in one order.
@@ -38,7 +31,7 @@ pub struct Session {
 
 impl Session {
     pub fn new(options: Options, arm: Arm) -> Self {
-        let networks = Networks::new(options.size, options.pose);
+        let networks = Networks::new(options.size);
         let adam = Adam::new(networks.initial(options.seed));
         let shard = Shard::new(&networks, options.batch / 2);
         Self { options, networks, adam, step: 0, arm, shards: [shard.clone(), shard] }
@@ -60,17 +53,17 @@ impl Session {
         &self.arm
     }
 
-    /// Takes one step of Adam on poses drawn from `data`. Returns the loss terms of its batch.
-    pub fn advance(&mut self, data: Data<'_>) -> Terms {
-        let terms = self.differentiate(data);
+    /// Takes one step of Adam on poses drawn from `recorded`. Returns the loss terms of its batch.
+    pub fn advance(&mut self, recorded: &Recorded) -> Terms {
+        let terms = self.differentiate(recorded);
         self.apply();
         terms
     }
 
-    /// Takes one step of several robots, each on its own data. All human encoders get the mean of their gradients. So
+    /// Takes one step of several robots. All human encoders get the mean of their gradients. So
     /// encoders that began the same stay the same, and the robots share one latent space.
-    pub fn advance_together(sessions: &mut [Self], data: &[Data<'_>]) -> Vec<Terms> {
-        let terms = sessions.iter_mut().zip(data).map(|(session, data)| session.differentiate(*data)).collect();
+    pub fn advance_together(sessions: &mut [Self], recorded: &Recorded) -> Vec<Terms> {
+        let terms = sessions.iter_mut().map(|session| session.differentiate(recorded)).collect();
         if sessions.len() > 1 {
             let human = 0..sessions[0].networks.human.end();
             let mut mean = vec![0.0; human.len()];
@@ -86,16 +79,11 @@ impl Session {
         terms
     }
 
-    fn differentiate(&mut self, data: Data<'_>) -> Terms {
+    fn differentiate(&mut self, recorded: &Recorded) -> Terms {
         let Self { options, networks, adam, step, arm, shards: [left, right] } = self;
         let parameters = adam.parameters.as_slice();
         let work = |shard: &mut Shard, index: u64| {
-            match data {
-                Data::Unpaired(recorded) => {
-                    shard.batch.draw(options.seed, *step, index, arm, recorded, &options.mixture);
-                }
-                Data::Pairs(pairs) => shard.batch.draw_pairs(options.seed, *step, index, arm, pairs),
-            }
+            shard.batch.draw(options.seed, *step, index, arm, recorded, &options.mixture);
             shard.evaluate(networks, arm, parameters, &options.weighting)
         };
         let (of_left, of_right) = rayon::join(|| work(left, 0), || work(right, 1));
@@ -133,14 +121,13 @@ const ROWS: usize = 256;
 
 /// Returns D_r(Q_h(x_h)), clamped to the limits, rad: both arms of every frame, both as left arms.
 pub fn retarget(networks: &Networks, parameters: &[f32], arm: &Arm, frames: &[[Limbs; 2]]) -> Vec<[[f32; ARM]; 2]> {
-    let (arms, input, joints) = (networks.pose.arms, networks.pose.input, networks.pose.joints());
     let mut human = networks.human.trace(ROWS);
     let mut decoder = networks.decoder.trace(ROWS);
     let mut out = vec![[[0.0; ARM]; 2]; frames.len()];
     let postures = out.as_flattened_mut().as_flattened_mut();
-    for (limbs, q) in frames.as_flattened().chunks(ROWS * arms).zip(postures.chunks_mut(ROWS * joints)) {
-        for (limbs, features) in limbs.iter().zip(human.input.chunks_exact_mut(input.width())) {
-            input.write(limbs, features);
+    for (limbs, q) in frames.as_flattened().chunks(ROWS).zip(postures.chunks_mut(ROWS * ARM)) {
+        for (limbs, row) in limbs.iter().zip(human.input.as_chunks_mut::<FEATURES>().0) {
+            *row = features(limbs);
         }
         networks.human.forward(parameters, &mut human);
         decoder.input.copy_from_slice(&human.output);
@@ -148,19 +135,6 @@ pub fn retarget(networks: &Networks, parameters: &[f32], arm: &Arm, frames: &[[L
         for (q, y) in q.as_chunks_mut::<ARM>().0.iter_mut().zip(decoder.output.as_chunks::<ARM>().0) {
             *q = arm.denormalised(&y.map(|y| (REACH * y.tanh()).clamp(-1.0, 1.0)));
         }
-    }
-    out
-}
-
-/// Returns Q_r of postures normalised to -1..1, `[rows, joints]`.
-pub fn encode_robot(networks: &Networks, parameters: &[f32], postures: &[f32]) -> Vec<[f32; LATENT]> {
-    let joints = networks.pose.joints();
-    let mut robot = networks.robot.trace(ROWS);
-    let mut out = Vec::with_capacity(postures.len() / joints);
-    for chunk in postures.chunks(ROWS * joints) {
-        robot.input[..chunk.len()].copy_from_slice(chunk);
-        networks.robot.forward(parameters, &mut robot);
-        out.extend_from_slice(&robot.output.as_chunks::<LATENT>().0[..chunk.len() / joints]);
     }
     out
 }

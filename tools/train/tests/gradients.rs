@@ -1,9 +1,9 @@
 //! Compares the analytic gradients with those of a general library's automatic differentiation, in f64.
 
 use candle_core::{DType, Device, Result, Tensor, Var};
-use train::kinematics::{ANGLE_SMOOTHING, ARM, Arm, HumanInput, Limbs, s_gr};
+use train::kinematics::{ANGLE_SMOOTHING, ARM, Arm, FEATURES, Limbs, s_gr};
 use train::mlp::Mlp;
-use train::networks::{LATENT, Networks, Pose, REACH, Size};
+use train::networks::{LATENT, Networks, REACH, Size};
 use train::objective::{MARGIN, Shard, Weighting};
 use train::sampling::{Batch, Mixture, Recorded};
 
@@ -105,20 +105,19 @@ fn clamped(n: &Tensor) -> Result<Tensor> {
 }
 
 /// Returns all terms as the module's documentation states them, on the shard's batch.
-fn reference(networks: &Networks, arm: &Arm, parameters: &Tensor, shard: &Shard) -> Result<[Tensor; 8]> {
+fn reference(networks: &Networks, arm: &Arm, parameters: &Tensor, shard: &Shard) -> Result<[Tensor; 7]> {
     let batch = &shard.batch;
-    let (arms, joints) = (batch.pose.arms, batch.pose.joints());
-    let features = tensor(&batch.features, &[ROWS, batch.pose.features()])?;
-    let posture = tensor(&batch.posture, &[ROWS, joints])?;
-    let half = tensor(&arm.half.repeat(arms), &[1, joints])?;
-    let mid = tensor(&arm.mid.repeat(arms), &[1, joints])?;
+    let features = tensor(&batch.features, &[ROWS, FEATURES])?;
+    let posture = tensor(&batch.posture, &[ROWS, ARM])?;
+    let half = tensor(&arm.half, &[1, ARM])?;
+    let mid = tensor(&arm.mid, &[1, ARM])?;
     let z_human = perceptron(&networks.human, parameters, &features)?;
     let z_robot = perceptron(&networks.robot, parameters, &posture)?;
     let decode = |z: &Tensor| perceptron(&networks.decoder, parameters, z)?.tanh()? * f64::from(REACH);
     let n = decode(&z_human)?;
     let inside = clamped(&n)?;
     let q = inside.broadcast_mul(&half)?.broadcast_add(&mid)?;
-    let fit = metric(arm, &q.reshape((ROWS * arms, ARM))?, &batch.human)?;
+    let fit = metric(arm, &q, &batch.human)?;
     let [kinematics, angle] = fit.map(|value| value.sum_all().and_then(|sum| sum / ROWS as f64));
     let limits = (n.abs()? - 1.0)?.relu()?.broadcast_mul(&half)?.mean_all()?;
     let side = |offset: usize| -> Result<Tensor> {
@@ -130,27 +129,25 @@ fn reference(networks: &Networks, arm: &Arm, parameters: &Tensor, shard: &Shard)
     let reconstruction = (decode(&z_robot)? - &posture)?.broadcast_mul(&half)?.abs()?.mean_all()?;
     let cycle = (&z_human - perceptron(&networks.robot, parameters, &inside)?)?.abs()?.mean_all()?;
     let mut triplet = Tensor::zeros((), DType::F64, &Device::Cpu)?;
-    let pairing = (&z_human - &z_robot)?.sqr()?.mean_all()?;
-    let of = |limbs: &[Limbs], row: usize| limbs[row * arms..(row + 1) * arms].to_vec();
     for row in 0..ROWS {
         let other = (row + batch.shift) % ROWS;
         let members = [
-            (z_human.get(row)?, of(&batch.human, row)),
-            (z_human.get(other)?, of(&batch.human, other)),
-            (z_robot.get(row)?, of(&batch.robot, row)),
+            (z_human.get(row)?, &batch.human[row]),
+            (z_human.get(other)?, &batch.human[other]),
+            (z_robot.get(row)?, &batch.robot[row]),
         ];
         let anchor = usize::from(batch.anchor[row]);
         let mut rest = [(anchor + 1) % 3, (anchor + 2) % 3];
-        let apart = |a: usize| -> f32 { members[anchor].1.iter().zip(&members[a].1).map(|(a, b)| s_gr(a, b)).sum() };
+        let apart = |a: usize| s_gr(members[anchor].1, members[a].1);
         rest.sort_by(|a, b| apart(*a).total_cmp(&apart(*b)));
         let distance = |i: usize| (&members[anchor].0 - &members[i].0)?.sqr()?.sum_all()?.sqrt();
         let hinge = ((distance(rest[0])? - distance(rest[1])?)? + f64::from(MARGIN))?.relu()?;
         triplet = (triplet + (hinge / ROWS as f64)?)?;
     }
-    Ok([kinematics?, angle?, limits, steadiness, triplet, reconstruction, cycle, pairing])
+    Ok([kinematics?, angle?, limits, steadiness, triplet, reconstruction, cycle])
 }
 
-fn weightings() -> [(&'static str, Weighting); 9] {
+fn weightings() -> [(&'static str, Weighting); 8] {
     let none = Weighting::default();
     [
         ("kinematics", Weighting { kinematics: 10.0, ..none }),
@@ -160,24 +157,13 @@ fn weightings() -> [(&'static str, Weighting); 9] {
         ("triplet", Weighting { triplet: 1.0, ..none }),
         ("reconstruction", Weighting { reconstruction: 1.0, ..none }),
         ("cycle", Weighting { cycle: 0.2, ..none }),
-        ("pairing", Weighting { pairing: 10.0, ..none }),
-        ("all", Weighting { pairing: 0.7, ..Weighting::OURS }),
+        ("all", Weighting::OURS),
     ]
 }
 
 #[test]
-fn gradients_with_a_latent_per_arm_match_autodiff() -> Result<()> {
-    gradients_agree(Pose::default())
-}
-
-#[test]
-fn gradients_with_one_latent_for_both_arms_match_autodiff() -> Result<()> {
-    gradients_agree(Pose { arms: 2, input: HumanInput::Axes })?;
-    gradients_agree(Pose { arms: 2, input: HumanInput::LocalQuaternions })
-}
-
-fn gradients_agree(pose: Pose) -> Result<()> {
-    let networks = Networks::new(Size { hidden_layers: 3, hidden_width: 20 }, pose);
+fn gradients_match_autodiff() -> Result<()> {
+    let networks = Networks::new(Size { hidden_layers: 3, hidden_width: 20 });
     let arm = arm();
     let mut parameters = networks.initial(11);
     // A steep last layer of the decoder drives some outputs over the limits. Biases away from zero test their gradient.
@@ -204,13 +190,12 @@ fn gradients_agree(pose: Pose) -> Result<()> {
             (terms.triplet, weighting.triplet),
             (terms.reconstruction, weighting.reconstruction),
             (terms.cycle, weighting.cycle),
-            (terms.pairing, weighting.pairing),
         ];
         let mut loss = Tensor::zeros((), DType::F64, &Device::Cpu)?;
         for (index, ((ours, weight), value)) in of.iter().zip(&values).enumerate() {
             loss = (loss + (value * f64::from(*weight))?)?;
             let theirs = value.to_scalar::<f64>()?;
-            // Triplets and pairs are checked only if they have a weight.
+            // Triplets are checked only if they have a weight.
             let of_value = if index == STEADINESS { 1e-4 } else { 1e-5 };
             if *weight != 0.0 {
                 assert!(*ours > 0.0, "{name}: a term is idle: {of:?}");
@@ -225,7 +210,7 @@ fn gradients_agree(pose: Pose) -> Result<()> {
             let off = shard.gradient[range.clone()].iter().zip(&want[range]);
             let off = off.map(|(ours, theirs)| (f64::from(*ours) - theirs).powi(2)).sum::<f64>().sqrt();
             assert!(off <= of_norm * norm + 1e-9, "{name}, {network}: off by {off:e} of {norm:e}");
-            let idle = (["triplet", "pairing"].contains(&name) && network == "decoder")
+            let idle = (name == "triplet" && network == "decoder")
                 || (name == "reconstruction" && network == "human")
                 || (["kinematics", "angle", "limits", "steadiness"].contains(&name) && network == "robot");
             assert_eq!(norm == 0.0, idle, "{name}, {network}: which networks a term reaches");

@@ -28,7 +28,6 @@ pub(crate) mod wires;
 
 pub use expectation::{AHEAD_MS, Expectation};
 pub use hands::HandError;
-pub(crate) use judge::mean;
 pub use judge::{Best, ClipFigures, bounds_of, errors_deg, judge, limbs_deg};
 pub use person::{Hands, Person, Place};
 pub use play::{Played, Sample, Stage};
