@@ -2,5 +2,4 @@
 
 mod libraries;
 mod link;
-mod link_latency;
 mod program;

@@ -17,10 +17,6 @@ pub struct Cli {
     /// person, and with the best that any motion within the limits can do
     #[arg(long, value_name = "DIR", group = "what")]
     pub following: Option<PathBuf>,
-    /// Folder of motion files to play as with --following, while frames arrive late and are lost. The error against
-    /// the delay
-    #[arg(long, value_name = "DIR", group = "what")]
-    pub wires: Option<PathBuf>,
     /// Folder of motion files whose frames `ingest` receives at several rates. Counts the frames that it rejects
     #[arg(long, value_name = "DIR", group = "what")]
     pub refusals: Option<PathBuf>,
@@ -45,10 +41,10 @@ pub struct Cli {
     /// --refusals: frames per second, 20 to 240
     #[arg(long, value_name = "HZ", value_delimiter = ',', default_values_t = [20.0, 30.0, 60.0, 120.0])]
     pub rates: Vec<f64>,
-    /// Settings file of --following, --wires, --refusals and --contacts
+    /// Settings file of --following, --refusals and --contacts
     #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
     pub config: PathBuf,
-    /// --following and --wires: judged delay between person and command, ms. --following also judges 60 and 200
+    /// --following: judged delay between person and command, ms, beside 60 and 200
     #[arg(long, value_name = "MS", default_value_t = 120.0)]
     pub delay_ms: f64,
     /// --following: skip the best that any motion can do

@@ -25,9 +25,6 @@ pub fn run(cli: &Cli) -> Result<(), Failure> {
     if let Some(folder) = &cli.following {
         return following::run(cli, folder);
     }
-    if let Some(folder) = &cli.wires {
-        return following::wires::run(cli, folder);
-    }
     if let Some(folder) = &cli.refusals {
         return refusals::run(cli, folder);
     }

@@ -7,8 +7,6 @@ messages::named! {
         Events => "events",
         /// The processes, each polling its input once a tick.
         Polled => "polled",
-        /// Like `Events`, with a page and a recorder running at the same time.
-        ObserverCost => "watched",
         /// cyclictest, alone.
         Cyclictest => "cyclictest",
         /// Our own clock_nanosleep loop, alone.
@@ -35,8 +33,6 @@ const SHARES: [(Kind, f64); 4] =
     [(Kind::Events, 0.6), (Kind::Cyclictest, 0.1), (Kind::Polled, 0.2), (Kind::Probe, 0.1)];
 /// Shortest block, s. In a short run `BLOCK_MIN_SHARE` applies instead.
 const BLOCK_MIN_S: f64 = 2.0;
-/// Shortest block of a comparison with observers, s, so that they see something.
-const SECONDS_MIN: f64 = 2.0;
 /// Shortest block of a short run, as a share of the run.
 const BLOCK_MIN_SHARE: f64 = 0.125;
 
@@ -56,13 +52,6 @@ pub fn plan(seconds: f64, cyclictest: bool) -> Vec<Block> {
         }
     }
     blocks
-}
-
-/// Returns the blocks that compare runs with and without observers, in order. Both kinds occur once per round.
-pub fn plan_watched(seconds: f64) -> Vec<Block> {
-    let rounds = (seconds / ROUND_S).clamp(ROUNDS_MIN, ROUNDS_MAX).floor();
-    let block = |kind| Block { kind, seconds: (seconds / rounds / 2.0).max(SECONDS_MIN) };
-    [block(Kind::Events), block(Kind::ObserverCost)].repeat(rounds as usize)
 }
 
 #[cfg(test)]

@@ -53,10 +53,6 @@ pub struct Cli {
     /// sampled evenly.
     #[arg(long, value_name = "HZ", default_value_t = 120.0)]
     pub rate_hz: f64,
-    /// Compare runs with and without a page (`teleopd view`) and a recorder (`record --full`, which must be
-    /// built before), alternately. Replaces the comparison with polling and the bare timer.
-    #[arg(long, conflicts_with_all = ["plot", "compare"])]
-    pub watched: bool,
 }
 
 /// Scheduling policy.

@@ -3,7 +3,6 @@
 use crate::blocks::{Block, Kind};
 use crate::client::Client;
 use crate::error::invalid;
-use crate::observers::Observers;
 use crate::settings::Changes;
 use harness::{Harness, Look, Operator};
 use messages::Mode;
@@ -57,8 +56,6 @@ fn cores_of<'a>(mut lines: impl Iterator<Item = &'a str>) -> Option<Vec<usize>> 
 pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, Failure> {
     let mut harness = Harness::start(&setup.config, Some(&setup.changes.toml(block.kind)))?;
     let place = harness.place.clone();
-    let watched = block.kind == Kind::ObserverCost;
-    let onlookers = watched.then(|| Observers::start(&harness.instance, &place)).transpose()?;
     let loaded = place.load()?;
     // Client and operator represent other programs. They stay on the cores of `ingest`, away from the measured core.
     let others = teleopd::placement(&loaded.settings.realtime).others;
@@ -72,8 +69,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
         scope.spawn(drive).join()
     });
     let driven = driven.unwrap_or_else(|_| Err(invalid("the client's thread panicked")));
-    let mut trouble = onlookers.map_or(Vec::new(), Observers::stop);
-    trouble.extend(harness.children.stop());
+    let mut trouble = harness.children.stop();
     let Driven { wall_s, published, failures, ended } = driven?;
     if shutdown.requested() {
         return Err(::report::interrupted());

@@ -44,7 +44,7 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, Failure> {
                 probe.merge(&all);
                 probe_realtime = granted;
             }
-            (Kind::Events | Kind::ObserverCost | Kind::Polled, _) => {
+            (Kind::Events | Kind::Polled, _) => {
                 let outcome = processes::run(&setup, *block, shutdown)?;
                 if matches!(options.pin, Some(Pin::Cores(_))) && outcome.cores().is_none() {
                     return Err(invalid("--pin: the system refused these cores (teleopd doctor)"));

@@ -33,8 +33,6 @@ pub enum Command {
     StopTimes(StopTimesArgs),
     /// Play every motion file of a folder through all stages, offline. Exits with 1 on a violation or a failed run.
     Motions(MotionsArgs),
-    /// Measure the duration of the control tick: smooth motion far from collisions, and jumping targets.
-    Bench(BenchArgs),
 }
 
 /// Options of the attack.
@@ -118,22 +116,6 @@ pub struct MotionsArgs {
     /// Number of threads.
     #[arg(long, default_value_t = cores())]
     pub threads: usize,
-}
-
-/// Options of `bench`.
-#[derive(Clone, Debug, Args)]
-pub struct BenchArgs {
-    /// Ticks of each kind of motion.
-    #[arg(long, default_value_t = 100_000)]
-    pub ticks: u64,
-    /// Seed of the jumping targets.
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
-    #[command(flatten)]
-    pub common: Common,
-    /// Also write the figures to this file as JSON. `-` is standard output, and the text then goes to standard error.
-    #[arg(long)]
-    pub json: Option<PathBuf>,
 }
 
 /// Checks a number of ticks or states, and of threads.

@@ -6,7 +6,6 @@
 #![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
 #![allow(missing_docs, reason = "only the program and its tests use the library")]
 
-pub mod bench;
 pub mod chunk;
 pub mod cli;
 pub mod figures;

@@ -1,18 +1,15 @@
 //! The command line program of the library.
 
-use ::report::{JsonOutput, Machine, Progress, derived_seed, in_parallel, print};
+use ::report::{Machine, Progress, derived_seed, in_parallel, print};
 use checker::ViolationKind;
 use clap::Parser;
 use config::Overrides;
-use messages::TICK_HZ;
 use rt::{Exit, Failure};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
-use torture::cli::{
-    AttackArgs, BenchArgs, Changes, Cli, Command, MotionsArgs, StopTimesArgs, check_counts, check_threads,
-};
+use torture::cli::{AttackArgs, Changes, Cli, Command, MotionsArgs, StopTimesArgs, check_counts, check_threads};
 use torture::figures::{RunFigures, merged};
-use torture::{bench, chunk, goals, motions, report, stop_times};
+use torture::{chunk, goals, motions, report, stop_times};
 
 fn main() -> ExitCode {
     rt::abort_on_panic();
@@ -23,7 +20,6 @@ fn main() -> ExitCode {
         None => attack(&cli.attack),
         Some(Command::StopTimes(args)) => measure_stops(args),
         Some(Command::Motions(args)) => play(args),
-        Some(Command::Bench(args)) => measure_ticks(args),
     };
     rt::finish("torture", done)
 }
@@ -103,18 +99,4 @@ fn play(args: &MotionsArgs) -> Result<bool, Failure> {
     drop(bar);
     print(&report::motions_text(&played));
     Ok(played.iter().all(|one| one.failed.is_none() && one.violations_total() == 0))
-}
-
-fn measure_ticks(args: &BenchArgs) -> Result<bool, Failure> {
-    check_counts("--ticks", args.ticks, 1)?;
-    let json = JsonOutput::open(args.json.as_deref())?;
-    let machine = Machine::before_run();
-    let subject = args.common.subject(Changes::default())?;
-    let bar = Progress::new("torture", 1, "runs");
-    let bench = bench::run(&subject, args.ticks.max(TICK_HZ), args.seed);
-    drop(bar);
-    let machine = machine.after_run();
-    let figures = report::bench_json(&bench, args.ticks, &subject.model, &machine);
-    json.write(&report::bench_text(&bench, args.ticks, &subject.model, &machine), &figures)?;
-    Ok(true)
 }

@@ -1,6 +1,5 @@
-//! Formats the figures as text, and those of a bench as JSON too.
+//! Formats the figures as text.
 
-use crate::bench::Bench;
 use crate::cli::{AttackArgs, Changes};
 use crate::figures::{AttackFigures, Durations, Goals, Reasons, RunFigures};
 use crate::motions::Played;
@@ -11,7 +10,6 @@ use messages::TICK_HZ;
 use report::Machine;
 use report::table::{self, column, number};
 use robot::Model;
-use serde_json::{Value, json};
 use wbc::interval::Bounds;
 
 fn named<const N: usize>(names: [&str; N], counts: &[u64; N]) -> String {
@@ -150,28 +148,4 @@ pub fn motions_text(played: &[Played]) -> String {
     let (files, time_s) = (played.len(), played.iter().map(Played::duration_s).sum::<f64>());
     let least = format!("least clearance {least:.2} mm");
     out + &format!("{files} files, {time_s:.0} s: {violations} violations, {least}, {failed} failed\n")
-}
-
-pub fn bench_json(bench: &Bench, ticks: u64, model: &Model, machine: &Machine) -> Value {
-    let durations_us = |durations: &Durations| {
-        let [p50, p99, p99_99] = [0.5, 0.99, 0.9999].map(|share| durations.0.quantile_us(share));
-        json!({ "p50": p50, "p99": p99, "p99_99": p99_99, "max": durations.0.max_us() })
-    };
-    json!({
-        "robot": model.name,
-        "ticks": ticks,
-        "pairs": model.pairs.len(),
-        "smooth_us": durations_us(&bench.smooth),
-        "jumps_us": durations_us(&bench.jumps),
-        "machine": machine,
-    })
-}
-
-pub fn bench_text(bench: &Bench, ticks: u64, model: &Model, machine: &Machine) -> String {
-    format!(
-        "control tick (whole-body control and gate), {} checked pairs, {ticks} ticks each\nsmooth, in the open   {}\njumping targets       {}\n{machine}\n",
-        model.pairs.len(),
-        duration_text(&bench.smooth),
-        duration_text(&bench.jumps)
-    )
 }

@@ -64,7 +64,7 @@ fn interface_other_than_direct_is_refused() {
     let file = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(&file, other).unwrap();
     let path = file.path().display().to_string();
-    for arguments in [&["--ticks", "100", "--config"][..], &["stop-times", "--config"], &["bench", "--config"]] {
+    for arguments in [&["--ticks", "100", "--config"][..], &["stop-times", "--config"]] {
         let output = torture(&[arguments, &[&path]].concat());
         assert_eq!(output.status.code(), Some(78), "{}", stderr(&output));
         let words = [path.as_str(), "driver.interface = \"jtc100\"", "must be \"direct\""];
@@ -73,12 +73,8 @@ fn interface_other_than_direct_is_refused() {
 }
 
 #[test]
-fn stop_times_and_bench_print_their_figures() {
+fn stop_times_print_their_figures() {
     let output = torture(&["stop-times", "--states", "1000"]);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     assert!(String::from_utf8_lossy(&output.stdout).ends_with("; 0 beyond\n"), "{output:?}");
-    let output = torture(&["bench", "--ticks", "2000", "--json", "-"]);
-    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
-    let figures: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON alone on standard output");
-    assert!(figures["smooth_us"]["p50"].as_f64().unwrap() > 0.0);
 }

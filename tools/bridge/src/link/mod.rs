@@ -53,7 +53,7 @@ pub fn run(command: &Link) -> Result<(), Failure> {
 /// Starts this program again with zenoh's tasks on one thread, but for connecting. zenoh reads that from the environment alone.
 ///
 /// By default its tasks are on five threads. Between them a datagram waits for the scheduler, 0.63 ms against 0.45 one way
-/// (medians of four runs of `tests/link_latency.rs` in turns). A connection that is made again on the same thread keeps the
+/// (medians of four runs in turns, 2026-11-28). A connection that is made again on the same thread keeps the
 /// others waiting: with half of the datagrams lost, 8 of 120 emergency stops had no answer within 2 s, against 1 of 120. A
 /// value of the user's own stays.
 fn share_one_thread() -> Result<(), Failure> {

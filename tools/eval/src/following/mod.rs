@@ -24,7 +24,6 @@ mod plot;
 mod report;
 mod riccati;
 mod tracking;
-pub(crate) mod wires;
 
 pub use expectation::{AHEAD_MS, Expectation};
 pub use hands::HandError;

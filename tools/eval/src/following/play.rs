@@ -4,7 +4,6 @@ use super::expectation::Expectation;
 use super::hands::{self, HandError, HandSample};
 use super::person::Person;
 use crate::methods::Posture;
-use bus::FaultPlan;
 use client::PlayOptions;
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2};
 use config::Loaded;
@@ -14,7 +13,7 @@ use motion::{CalibrationMode, Motion};
 use robot::Model;
 use rt::{Exit, Failure};
 use std::collections::BTreeMap;
-use world::{Links, Moment, Offline, OfflineEnd};
+use world::{Moment, Offline, OfflineEnd};
 
 /// Ticks between two judged commands: 50 Hz.
 pub(super) const SAMPLE_TICKS: u64 = 30;
@@ -70,16 +69,10 @@ impl<'a> Stage<'a> {
     }
 
     pub fn play(&self, motion: &Motion, calibration: CalibrationMode) -> Result<Played, String> {
-        self.play_over(motion, calibration, FaultPlan::default())
-    }
-
-    /// Does the same while the frames reach `ingest` over a wire with these faults.
-    pub fn play_over(&self, motion: &Motion, calibration: CalibrationMode, raw: FaultPlan) -> Result<Played, String> {
         let options = PlayOptions { speed: 1.0, looped: false, calibration };
         let mut watch = Watch { stage: self, played: Played::default(), hands: Vec::new(), engaged_at: None };
         watch.played.name.clone_from(&motion.name);
-        let offline = Offline::new(self.loaded, motion, options).map_err(|error| error.to_string())?;
-        let mut offline = offline.over(Links { raw, ..Links::default() });
+        let mut offline = Offline::new(self.loaded, motion, options).map_err(|error| error.to_string())?;
         let end = offline.play(|tick| watch.see(tick.moment));
         let mut played = watch.played;
         played.hands =
