@@ -85,7 +85,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("bridge", &[]),
     ("canvas", &[]),
     ("chaos", &["harness", "report", "teleopd"]),
-    ("collision", &["canvas"]),
+    ("collision", &[]),
     ("dist", &["bridge", "latency", "record", "replay"]),
     ("eval", &["collision", "replay", "report", "train"]),
     ("latency", &["canvas", "harness", "report", "teleopd"]),

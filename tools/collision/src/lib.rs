@@ -1,6 +1,5 @@
-//! The content of a robot file beyond its URDF. It consists of capsules fitted around meshes and primitives,
-//! pairs that are proved never to meet, and accelerations that the motors can always give. The tool also draws
-//! the robot.
+//! The content of a robot file beyond its URDF. It consists of capsules fitted around meshes and primitives, pairs that
+//! are proved never to meet, and accelerations that the motors can always give.
 
 #![allow(missing_docs, reason = "the library of a program: only the program, tests and other tools use it")]
 // Bounds are written as `!(value <= bound)` so that NaN is rejected.
@@ -9,7 +8,6 @@
 pub mod blocking_pairs;
 pub mod check;
 pub mod cover;
-pub mod draw;
 pub mod dynamics;
 pub mod error;
 pub mod first;

@@ -4,7 +4,6 @@
 #![deny(clippy::print_stdout)]
 
 mod command_cover;
-mod command_draw;
 mod command_limits;
 
 use clap::{Parser, Subcommand};
@@ -20,8 +19,7 @@ use rt::{Exit, Failure, err, out};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Fits and checks the capsules of a robot file, finds the accelerations that its motors can give, and draws
-/// it.
+/// Fits and checks the capsules of a robot file, and finds the accelerations that its motors can give.
 #[derive(Parser)]
 #[command(version, about)]
 struct Arguments {
@@ -54,8 +52,6 @@ enum Command {
     /// Print torques by inverse dynamics at the limits in force, or the accelerations that the motors can
     /// always give.
     Limits(command_limits::Limits),
-    /// Draw front and side view, with capsules over the points of meshes or primitives, as PNG.
-    Draw(command_draw::Draw),
 }
 
 #[derive(clap::Args)]
@@ -86,7 +82,6 @@ fn main() -> ExitCode {
         Command::Check { source } => check(&source),
         Command::Cover(options) => command_cover::cover(&options),
         Command::Limits(options) => command_limits::limits(&options),
-        Command::Draw(options) => command_draw::draw(&options),
     };
     rt::finish("collision", done.map_err(Failure::with(Exit::DataErr)))
 }

@@ -78,10 +78,4 @@ fn missing_files_are_named_with_what_to_do() {
         "{}",
         stderr(&output)
     );
-    let run = |arguments: &[&str]| {
-        Command::new(env!("CARGO_BIN_EXE_collision")).args(arguments).output().expect("collision runs")
-    };
-    let robot = robots().join("tiago_dual.toml");
-    let drawn = run(&["draw", robot.to_str().expect("UTF-8"), "--out", "/no/picture.png"]);
-    assert!(stderr(&drawn).contains("there is no folder /no. Make it"), "{}", stderr(&drawn));
 }
