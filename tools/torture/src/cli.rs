@@ -31,8 +31,6 @@ pub enum Command {
     /// Compare the longest stop of random and corner states with its closed-form bound. Exits with 1 if it
     /// exceeds the bound.
     StopTimes(StopTimesArgs),
-    /// Play every motion file of a folder through all stages, offline. Exits with 1 on a violation or a failed run.
-    Motions(MotionsArgs),
 }
 
 /// Options of the attack.
@@ -106,26 +104,9 @@ pub struct StopTimesArgs {
     pub threads: usize,
 }
 
-/// Options of `motions`.
-#[derive(Clone, Debug, Args)]
-pub struct MotionsArgs {
-    /// Folder of motion files (.bvh, .npy, .npz).
-    pub folder: PathBuf,
-    #[command(flatten)]
-    pub common: Common,
-    /// Number of threads.
-    #[arg(long, default_value_t = cores())]
-    pub threads: usize,
-}
-
 /// Checks a number of ticks or states, and of threads.
 pub fn check_counts(option: &str, count: u64, threads: usize) -> Result<(), Failure> {
     check_bounds(option, count, [1, TICKS_MAX])?;
-    check_threads(threads)
-}
-
-/// Checks a number of threads.
-pub fn check_threads(threads: usize) -> Result<(), Failure> {
     check_bounds("--threads", threads, [1, THREADS_MAX])
 }
 

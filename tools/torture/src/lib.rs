@@ -10,7 +10,6 @@ pub mod chunk;
 pub mod cli;
 pub mod figures;
 pub mod goals;
-pub mod motions;
 pub mod report;
 pub mod stages;
 pub mod stop_times;

@@ -3,13 +3,12 @@
 use ::report::{Machine, Progress, derived_seed, in_parallel, print};
 use checker::ViolationKind;
 use clap::Parser;
-use config::Overrides;
-use rt::{Exit, Failure};
+use rt::Failure;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
-use torture::cli::{AttackArgs, Changes, Cli, Command, MotionsArgs, StopTimesArgs, check_counts, check_threads};
+use torture::cli::{AttackArgs, Changes, Cli, Command, StopTimesArgs, check_counts};
 use torture::figures::{RunFigures, merged};
-use torture::{chunk, goals, motions, report, stop_times};
+use torture::{chunk, goals, report, stop_times};
 
 fn main() -> ExitCode {
     rt::abort_on_panic();
@@ -19,7 +18,6 @@ fn main() -> ExitCode {
     let done = match &cli.command {
         None => attack(&cli.attack),
         Some(Command::StopTimes(args)) => measure_stops(args),
-        Some(Command::Motions(args)) => play(args),
     };
     rt::finish("torture", done)
 }
@@ -84,19 +82,4 @@ fn measure_stops(args: &StopTimesArgs) -> Result<bool, Failure> {
     drop(bar);
     print(&report::stop_times_text(&times, bounds, &subject.model));
     Ok(times.exceeded() == 0)
-}
-
-fn play(args: &MotionsArgs) -> Result<bool, Failure> {
-    check_threads(args.threads)?;
-    let loaded = config::load(&args.common.config, Overrides::robot(args.common.robot.as_ref()))
-        .map_err(Failure::with(Exit::Config))?;
-    let bar = Progress::new(
-        "torture",
-        motion::motion_files(&args.folder).map_err(Failure::with(Exit::NoInput))?.len() as u64,
-        "files",
-    );
-    let played = motions::run(&loaded, &args.folder, args.threads, |_| bar.add(1))?;
-    drop(bar);
-    print(&report::motions_text(&played));
-    Ok(played.iter().all(|one| one.failed.is_none() && one.violations_total() == 0))
 }

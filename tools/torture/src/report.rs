@@ -2,13 +2,11 @@
 
 use crate::cli::{AttackArgs, Changes};
 use crate::figures::{AttackFigures, Durations, Goals, Reasons, RunFigures};
-use crate::motions::Played;
 use crate::stop_times::{StopTimes, joint_bound_s};
 use checker::ViolationKind;
 use judge::Attack;
 use messages::TICK_HZ;
 use report::Machine;
-use report::table::{self, column, number};
 use robot::Model;
 use wbc::interval::Bounds;
 
@@ -119,33 +117,4 @@ pub fn stop_times_text(times: &StopTimes, bounds: &[Bounds], model: &Model) -> S
          velocities at most {share:.1} %; {beyond} beyond"
     ));
     joined(&lines)
-}
-
-pub fn motions_text(played: &[Played]) -> String {
-    let figure = |head, width, digits, figure: fn(&Played) -> f64| {
-        column(["", head], width, move |one: &Played| number(figure(one), digits))
-    };
-    let columns = [
-        figure("time s", 8, 1, Played::duration_s),
-        column(["", "violations"], 11, |one: &Played| one.violations_total().to_string()),
-        figure("clearance mm", 13, 2, |one| one.report.min_clearance_mm),
-        figure("limbs deg", 9, 2, |one| one.report.limb_error_deg_mean),
-        figure("robot deg", 9, 2, |one| one.report.limb_error_measured_deg_mean),
-        figure("torque", 7, 3, |one| one.report.torque_share_max),
-        figure("refusals %", 10, 3, |one| one.fallbacks_per_tick() * 100.0),
-        column(["", "holds"], 5, |one: &Played| one.holds().to_string()),
-        column(["", ""], 0, |one: &Played| format!(" {}", one.failed.as_deref().unwrap_or(""))),
-    ];
-    let names = played.iter().map(|one| one.file.file_name().unwrap_or_default().to_string_lossy());
-    let names: Vec<_> = names.collect();
-    let mut out = String::new();
-    let rows = names.iter().map(|name| &**name).zip(played);
-    // Writing to a String cannot fail.
-    let _ = table::write(&mut out, ("file", 24), &columns, rows);
-    let violations: u64 = played.iter().map(Played::violations_total).sum();
-    let failed = played.iter().filter(|one| one.failed.is_some()).count();
-    let least = played.iter().map(|one| one.report.min_clearance_mm).fold(f64::INFINITY, f64::min);
-    let (files, time_s) = (played.len(), played.iter().map(Played::duration_s).sum::<f64>());
-    let least = format!("least clearance {least:.2} mm");
-    out + &format!("{files} files, {time_s:.0} s: {violations} violations, {least}, {failed} failed\n")
 }

@@ -43,8 +43,6 @@ fn invalid_option_or_path_is_refused_by_name() {
         (vec!["--ticks", "0"], 64, vec!["--ticks = 0", "1 to"]),
         (vec!["--threads", "0"], 64, vec!["--threads = 0", "1 to"]),
         (vec!["--robot", "no/such.toml"], 78, vec!["no/such.toml"]),
-        (vec!["motions", "no/such"], 66, vec!["no/such"]),
-        (vec!["motions", "crates"], 66, vec!["crates", "no motion files"]),
     ] {
         let output = torture(&arguments);
         assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", stderr(&output));

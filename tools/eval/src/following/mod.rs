@@ -41,7 +41,7 @@ use crate::run::{load, write_json};
 use ::report::{check_bounds, print};
 use rayon::prelude::*;
 use retarget::ArmModel;
-use rt::Failure;
+use rt::{Exit, Failure};
 use std::path::{Path, PathBuf};
 
 /// Delays that are always judged, ms.
@@ -91,5 +91,9 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
     let config = cli.config.display().to_string();
     let report = Report { folder, config, delay_ms: cli.delay_ms, delays_ms, clips, skipped };
     print(&report);
-    write_json(cli, &report.json())
+    write_json(cli, &report.json())?;
+    match report.clips.iter().map(ClipFigures::violations_total).sum() {
+        0_u64 => Ok(()),
+        violations => Err(Failure::new(Exit::Failed, format!("{violations} violations"))),
+    }
 }
