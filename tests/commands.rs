@@ -13,8 +13,7 @@ use std::sync::LazyLock;
 pub enum How {
     /// Runs to its end with one of these exit codes, with more options.
     Ends(&'static [i32], &'static str),
-    /// Runs beside the commands of this many blocks once it prints these words. Then it gets Ctrl-C. With more
-    /// options.
+    /// Runs beside the commands of this many blocks once it prints these words. Then it gets Ctrl-C. With more options.
     Beside(&'static str, usize, &'static str),
     /// Is not run, for this reason. It last ran on this day. `--help` of a program of ours must name its options.
     Listed(&'static str, &'static str),

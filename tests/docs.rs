@@ -59,8 +59,7 @@ struct Reader {
 }
 
 impl Reader {
-    /// Creates a reader in a folder with the contents of a source tree, so that the tests write nothing to the
-    /// tree.
+    /// Creates a reader in a folder with the contents of a source tree, so that the tests write nothing to the tree.
     fn new() -> Self {
         let work = tempfile::tempdir().expect("a folder");
         let repository = harness::repository();

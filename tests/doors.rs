@@ -1,5 +1,4 @@
-//! Tests access to the sockets and shared memory, and the lease, with real processes and other users of the
-//! machine.
+//! Tests access to the sockets and shared memory, and the lease, with real processes and other users of the machine.
 
 use client::{PlayOptions, Player, Publisher, Transport};
 use doors::{Client, DoorError, Hello, Reply};
@@ -270,8 +269,7 @@ fn f069_f070_next_client_waits_for_lease_and_needs_new_enable() {
     });
 }
 
-/// Publishes as fast as `period` and the socket allow, until `end`. Returns the number of offered and accepted
-/// frames.
+/// Publishes as fast as `period` and the socket allow, until `end`. Returns the number of offered and accepted frames.
 fn flood(socket: &Path, period: Duration, end: &AtomicBool) -> (u64, u64) {
     let mut client = Client::attach(socket).expect("the door is open");
     let (mut offered, mut taken, mut pace) = (0_u64, 0, Pace::new(period));

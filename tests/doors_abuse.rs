@@ -1,6 +1,5 @@
-//! Tests attacks by a process of the daemon's own user on the shared memory of the input domain, and by a
-//! compromised `ingest` on the core. The robot ends at rest, and only `ingest` dies. Also tests attacks of one
-//! operator on another.
+//! Tests attacks by a process of the daemon's own user on the shared memory of the input domain, and by a compromised
+//! `ingest` on the core. The robot ends at rest, and only `ingest` dies. Also tests attacks of one operator on another.
 
 use bus::Domain;
 use harness::user::{User, can_be_another};

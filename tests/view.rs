@@ -1,5 +1,4 @@
-//! Tests the page on the loopback interface against the real processes: as a program, and in a browser if there
-//! is one.
+//! Tests the page on the loopback interface against the real processes: as a program, and in a browser if there is one.
 
 use crate::browser::Browser;
 use crate::viewer::{Page, Viewer};

@@ -93,8 +93,7 @@ impl Browser {
         let folder = tempfile::tempdir().expect("a folder");
         let mut child = Command::new(program)
             .args(["--headless=new", "--remote-debugging-port=0", "--no-first-run", "--disable-gpu-sandbox"])
-            // Root cannot use the sandbox, and the page is our own. There is no graphics card, so software
-            // renders.
+            // Root cannot use the sandbox, and the page is our own. There is no graphics card, so software renders.
             .args(["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=1280,800"])
             .args(["--disable-background-networking", "--disable-component-update", "--disable-dev-shm-usage"])
             .args(arguments)

@@ -8,8 +8,7 @@ use std::sync::{Mutex, MutexGuard};
 /// Allows one machine at a time. Four real-time processes are enough for a small computer.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
-/// A user who is neither root nor the daemon's, but a member of the operators' group. The numbers come from
-/// machine.sh.
+/// A user who is neither root nor the daemon's, but a member of the operators' group. The numbers come from machine.sh.
 pub const OPERATOR: [&str; 2] = ["--setuid=1000", "--setgid=991"];
 
 pub struct Machine {

@@ -149,8 +149,7 @@ fn mode(machine: &Machine, run_dir: &str) -> String {
     status["mode"].as_str().unwrap_or("").to_owned()
 }
 
-/// client.service runs this in the machine, with the drop-in proposed for clients. It publishes until it is
-/// stopped.
+/// client.service runs this in the machine, with the drop-in proposed for clients. It publishes until it is stopped.
 #[test]
 #[ignore = "a part of the tests with a machine, started by its systemd"]
 fn client_publishes_until_stopped() {

@@ -104,8 +104,7 @@ impl Service {
     }
 }
 
-/// Checks that no report arrives for two watchdog times. One more is allowed before it, for the last round of the
-/// loop.
+/// Checks that no report arrives for two watchdog times. One more is allowed before it, for the last round of the loop.
 fn fall_silent(services: &[Service], why: &str) {
     let begun = Instant::now();
     for service in services {

@@ -93,10 +93,9 @@ impl std::fmt::Debug for Domain {
 }
 
 impl Domain {
-    /// Enters the domain as `node_name` and cleans up after dead processes. It ends within 5 s, in success or
-    /// not. The first process that enters removes everything of killed processes. The last one that leaves leaves
-    /// nothing in shared memory. Start child processes before, because descriptors opened here are not closed on
-    /// exec.
+    /// Enters the domain as `node_name` and cleans up after dead processes. It ends within 5 s, in success or not. The
+    /// first process that enters removes everything of killed processes. The last one that leaves leaves nothing in
+    /// shared memory. Start child processes before, because descriptors opened here are not closed on exec.
     pub fn open(config: DomainConfig, node_name: &str) -> Result<Self, BusError> {
         let transport = transport_config(&config)?;
         let name = NodeName::new(node_name)
@@ -139,8 +138,7 @@ impl Domain {
         Ok(Reader::new(M::read_port(self, service)?, row.writers_max * row.kept))
     }
 
-    /// Creates a reader of `service` that can wait for `Writer::notify`. It costs the writer a system call per
-    /// wake-up.
+    /// Creates a reader of `service` that can wait for `Writer::notify`. It costs the writer a system call per wake-up.
     pub fn waking_reader<M: Carried>(&self, service: Service) -> Result<WakingReader<M>, BusError> {
         Ok(WakingReader::new(self.reader(service)?, self.wake_listener(service)?))
     }

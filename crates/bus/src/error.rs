@@ -70,8 +70,7 @@ pub enum BusError {
 }
 
 impl BusError {
-    /// Returns true if another process holds the place. The instance runs already, or one of its processes was
-    /// stopped.
+    /// Returns true if another process holds the place. The instance runs already, or one of its processes was stopped.
     pub fn is_occupied(&self) -> bool {
         matches!(self, Self::WriterExists { .. } | Self::ReadersExhausted { .. })
     }

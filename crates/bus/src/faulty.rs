@@ -125,8 +125,7 @@ impl<M: Copy> Faulty<M> {
 impl<M: Copy> Publish<M> for Faulty<M> {
     fn publish(&mut self, message: &M) -> Result<(), PublishError> {
         self.counts.published += 1;
-        // Every message draws the same count of numbers, so one fault's probability does not shift the others'
-        // numbers.
+        // Every message draws the same count of numbers, so one fault's probability does not shift the others' numbers.
         let [dropped, doubled, held] = [self.plan.drop, self.plan.duplicate, self.plan.reorder]
             .map(|probability| self.dice.random::<f64>() < probability);
         let (first_ns, second_ns) = (self.delay_ns(), self.delay_ns());

@@ -1,11 +1,10 @@
 //! The processes that have a domain open, and the removal of the files that dead ones left in it.
 //!
-//! Every process that opens a domain holds a shared lock on a file in the domain's root. The kernel releases the
-//! lock when the process ends, however it ends. A process that gets the exclusive lock knows that no other
-//! process holds the domain open. It then removes the files and shared memory of dead processes. It tries this
-//! before it creates anything, and again after its last port is closed. Clients that use iceoryx2 directly hold
-//! no such lock. Therefore nothing is removed while the transport lists a live node, or while a process has
-//! mapped one of the segments.
+//! Every process that opens a domain holds a shared lock on a file in the domain's root. The kernel releases the lock
+//! when the process ends, however it ends. A process that gets the exclusive lock knows that no other process holds the
+//! domain open. It then removes the files and shared memory of dead processes. It tries this before it creates
+//! anything, and again after its last port is closed. Clients that use iceoryx2 directly hold no such lock. Therefore
+//! nothing is removed while the transport lists a live node, or while a process has mapped one of the segments.
 
 use crate::domain::DomainConfig;
 use crate::shared_memory::{self, Mapped};
@@ -100,8 +99,7 @@ impl Presence {
         lives || listed.is_err()
     }
 
-    /// Returns the transport's files in the root: sockets with this prefix, and descriptions of nodes and
-    /// services.
+    /// Returns the transport's files in the root: sockets with this prefix, and descriptions of nodes and services.
     fn files(&self) -> Vec<PathBuf> {
         let name = |path: &iceoryx2::prelude::Path| String::from_utf8_lossy(path.as_bytes()).into_owned();
         let global = &self.transport.global;

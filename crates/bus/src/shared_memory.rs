@@ -74,8 +74,7 @@ pub fn prefix_of(name: &str) -> Option<&str> {
 pub struct Mapped(BTreeSet<String>);
 
 impl Mapped {
-    /// Searches /proc for names that begin with `prefix`. Returns `None` if the search is not finished at
-    /// `give_up`.
+    /// Searches /proc for names that begin with `prefix`. Returns `None` if the search is not finished at `give_up`.
     pub fn read(prefix: &str, give_up: Instant) -> Option<Self> {
         let mut names = BTreeSet::new();
         for process in std::fs::read_dir("/proc").into_iter().flatten().flatten() {

@@ -1,9 +1,8 @@
 //! Compares every executed step with the limits. It knows only the executed setpoints and their indices.
 //!
-//! Two executed states are `dt = (k - k') T` apart. The motion between them is unknown, but the jerk limit J
-//! bounds it, whatever its phases. The trapezoid rule errs by at most J dt^2 / 4 for an integrand with |f'| <= J.
-//! For one with |f''| <= J it errs by at most J dt^3 / 12 (Davis and Rabinowitz, Methods of Numerical
-//! Integration, section 2.1). So
+//! Two executed states are `dt = (k - k') T` apart. The motion between them is unknown, but the jerk limit J bounds it,
+//! whatever its phases. The trapezoid rule errs by at most J dt^2 / 4 for an integrand with |f'| <= J. For one with
+//! |f''| <= J it errs by at most J dt^3 / 12 (Davis and Rabinowitz, Methods of Numerical Integration, section 2.1). So
 //!
 //! ```text
 //! |a - a'|                        <= J dt
@@ -24,10 +23,9 @@
 //! The torque of every executed point comes from the dynamics of [`plant::Links`], by its position, velocity
 //! and acceleration. It is the torque of the links alone, and is compared with the whole effort limit.
 //!
-//! A driver that begins where it finds the robot stops by itself, and no proof covers that stop. Until it has
-//! ended, no torque is judged. The clearance is judged as that of the joints' true motion
-//! ([`plant::CLEARANCE_MARGIN_M`] below the least one). Afterwards the robot may stand as close as it came to
-//! rest, and the clearance may only grow.
+//! A driver that begins where it finds the robot stops by itself, and no proof covers that stop. Until it has ended, no
+//! torque is judged. The clearance is judged as that of the joints' true motion ([`plant::CLEARANCE_MARGIN_M`] below
+//! the least one). Afterwards the robot may stand as close as it came to rest, and the clearance may only grow.
 //!
 //! A robot that may start outside its limits (`Options::initial_outside`) violates nothing by being there. To go
 //! further out is a violation.
@@ -42,9 +40,8 @@ use plant::CLEARANCE_MARGIN_M;
 use robot::Frames;
 
 // The tolerances are for rounding alone. Positions reach 3 rad, velocities 3 rad/s, accelerations 10 rad/s^2, in
-// doubles (2.2e-16). A plan is advanced by at most 7500 additions of a tick, each off by half a unit in the last
-// place. So values are off by less than 1e-11, and the difference of two accelerations over a tick by 1500 times
-// that.
+// doubles (2.2e-16). A plan is advanced by at most 7500 additions of a tick, each off by half a unit in the last place.
+// So values are off by less than 1e-11, and the difference of two accelerations over a tick by 1500 times that.
 
 /// Rounding of a position, rad or m.
 pub const TOLERANCE_Q: f64 = 1e-9;
@@ -128,8 +125,7 @@ impl Checker {
         }
     }
 
-    /// Checks the driver's step to `to`, executed in `mode`. With a direct interface it is the setpoint of the
-    /// joints.
+    /// Checks the driver's step to `to`, executed in `mode`. With a direct interface it is the setpoint of the joints.
     pub fn step(&mut self, config: &Config, report: &mut Report, to: &Setpoint, mode: u32) {
         let from = self.last;
         report.steps += 1;
@@ -314,10 +310,9 @@ fn check_change(config: &Config, report: &mut Report, from: &Setpoint, to: &Setp
     }
 }
 
-/// Returns the largest speed of joint `j` on the way. It looks at the ends. If the step is one tick of constant
-/// jerk, it also looks where the acceleration passes zero: there v = v' - a'^2 / 2J. A plan's tick with a change
-/// of phase inside peaks where a phase ends. The acceleration is zero there only if the ends show it, so it
-/// checks the ends.
+/// Returns the largest speed of joint `j` on the way. It looks at the ends. If the step is one tick of constant jerk,
+/// it also looks where the acceleration passes zero: there v = v' - a'^2 / 2J. A plan's tick with a change of phase
+/// inside peaks where a phase ends. The acceleration is zero there only if the ends show it, so it checks the ends.
 fn peak_velocity(from: &Setpoint, to: &Setpoint, j: usize) -> f64 {
     let ends = to.v[j].abs().max(from.v[j].abs());
     let (a0, a1) = (from.a[j], to.a[j]);

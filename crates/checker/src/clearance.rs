@@ -87,8 +87,7 @@ impl Body {
         let mut least = (f64::INFINITY, 0);
         for (index, pair) in self.pairs.iter().enumerate() {
             let (a, b) = (&workspace.axes[pair.a], &workspace.axes[pair.b]);
-            // Balls around the capsules: a pair whose balls are farther apart than the least so far cannot be
-            // nearer.
+            // Balls around the capsules: a pair whose balls are farther apart than the least so far cannot be nearer.
             let reach = self.capsules[pair.a].half_length_m + self.capsules[pair.b].half_length_m + pair.radii_m;
             let beyond = least.0 + reach;
             let between = squared(minus(middle(a), middle(b)));
@@ -143,10 +142,9 @@ impl Obstacle {
 /// Returns the distance of a segment from the box |x_i| <= half_i.
 ///
 /// A coordinate is below, within or above its range, so there are 26 ways of being outside. For each of them the
-/// squared distance is a quadratic in the place s on the segment: the sum of (x_i -+ half_i)^2 over the
-/// coordinates outside. Its minimum is known. The true minimum is at one of these minima, at an end, or at a
-/// place where a coordinate enters or leaves its range. The function takes the distance at all of these places
-/// and returns the least.
+/// squared distance is a quadratic in the place s on the segment: the sum of (x_i -+ half_i)^2 over the coordinates
+/// outside. Its minimum is known. The true minimum is at one of these minima, at an end, or at a place where a
+/// coordinate enters or leaves its range. The function takes the distance at all of these places and returns the least.
 fn from_box(segment: &[Point; 2], half: &Point) -> f64 {
     let (a, d) = (segment[0], minus(segment[1], segment[0]));
     let squared_at = |s: f64| {

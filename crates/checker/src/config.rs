@@ -18,9 +18,8 @@ pub struct Options {
     pub pause_ms: f64,
     /// Ticks without an acceptable command after which the driver latches its fault.
     pub silence_ticks: u64,
-    /// True payload of the left and the right hand, kg. Without a value it is the robot file's. The centre is the
-    /// robot file's. The planner of the motion may use another payload: the robot file's, or the operator's
-    /// report.
+    /// True payload of the left and the right hand, kg. Without a value it is the robot file's. The centre is the robot
+    /// file's. The planner of the motion may use another payload: the robot file's, or the operator's report.
     pub payload_kg: [Option<f64>; 2],
     /// Speed limit for elbows and hands in the base frame, m/s. A faster command is a violation.
     pub hand_speed_max_m_per_s: f64,

@@ -32,9 +32,8 @@ pub struct Violation {
     pub kind: ViolationKind,
     /// Index of the executed step.
     pub k: u64,
-    /// The joint, or 0 to 3 for the speed of left elbow, left hand, right elbow and right hand, or the index of
-    /// the pair. With m obstacles the pair of capsule i and obstacle k has the index m i + k after the model's
-    /// pairs.
+    /// The joint, or 0 to 3 for the speed of left elbow, left hand, right elbow and right hand, or the index of the
+    /// pair. With m obstacles the pair of capsule i and obstacle k has the index m i + k after the model's pairs.
     pub which: usize,
     /// The value, SI.
     pub value: f64,
@@ -99,8 +98,7 @@ impl Report {
         self.steps
     }
 
-    /// Returns the least clearance of the checked pairs over all executed postures, m. It is infinite before the
-    /// first.
+    /// Returns the least clearance of the checked pairs over all executed postures, m. It is infinite before the first.
     pub fn min_clearance_m(&self) -> f64 {
         self.min_clearance_m
     }

@@ -1,5 +1,4 @@
-//! A client in a thread. It publishes a motion through the input domain or the skeleton socket, like any other
-//! client.
+//! A client in a thread. It publishes a motion through the input domain or the skeleton socket, like any other client.
 
 mod shared;
 

@@ -1,5 +1,4 @@
-//! Reads an instance's files: settings, robot, weights. Computes one hash of them, which every message header
-//! carries.
+//! Reads an instance's files: settings, robot, weights. Computes one hash of them, which every message header carries.
 
 use crate::ConfigError;
 use crate::choice::RobotChoice;
@@ -13,8 +12,7 @@ use robot::Model;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Largest text file that is read. The bound comes from `robot`, which allows a URDF of 5 MB. The others are
-/// smaller.
+/// Largest text file that is read. The bound comes from `robot`, which allows a URDF of 5 MB. The others are smaller.
 const TEXT_BYTES_MAX: u64 = 5 << 20;
 /// Index of the robot file in `Loaded::files`.
 const ROBOT_FILE: usize = 1;

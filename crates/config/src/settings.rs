@@ -243,8 +243,7 @@ schema::table! {
         /// Factor on the bounds of the tracking error. At all limits at once these soft drives stay 20 mrad
         /// behind, and nobody stands beside a simulated robot.
         tracking_error_factor: f64 = 7.0, in [1.0, 10.0];
-        /// Delay between driver and robot, in ticks of 1/1500 s. Assumption of one field-bus cycle of 1 ms,
-        /// rounded up.
+        /// Delay between driver and robot, in ticks of 1/1500 s. Assumption of one field-bus cycle of 1 ms, rounded up.
         delay_ticks: u32 = 2, in [0.0, plant::DELAY_MAX_TICKS as f64];
         /// Silence of the driver after which the robot reacts by itself, ms. At most 20 with `reaction = "play"`.
         /// Assumption.

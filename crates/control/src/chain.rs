@@ -1,5 +1,4 @@
-//! State from which the next command continues: the chain that `control` sends, compared with what the driver
-//! executes.
+//! State from which the next command continues: the chain that `control` sends, compared with what the driver executes.
 
 use driver::{ChainView, CommandChain, PlanPlayback, Seed};
 use messages::{JointMotion, RobotState};
@@ -12,8 +11,7 @@ pub struct Stream {
     last: JointMotion,
 }
 
-/// Action before the command of this tick. The large variant is not boxed, because a box would allocate in the
-/// tick.
+/// Action before the command of this tick. The large variant is not boxed, because a box would allocate in the tick.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Continue {

@@ -18,9 +18,8 @@ const BEHIND_RAD: f64 = 0.26;
 /// A command that moves no joint faster than this (rad/s, m/s) has settled. Blocked by an obstacle, it creeps
 /// along it. Settling is required for half a second, and in that time it comes at most 1.4 degrees nearer.
 const SETTLED_SPEED: f64 = 0.05;
-/// Time constants of two averages of the limb error, s. A falling error shows that the robot catches up.
-/// Assumptions: a swing of an arm is shorter than the longer one, and a reach across is longer than the shorter
-/// one.
+/// Time constants of two averages of the limb error, s. A falling error shows that the robot catches up. Assumptions: a
+/// swing of an arm is shorter than the longer one, and a reach across is longer than the shorter one.
 const AVERAGES_S: [f64; 2] = [0.5, 1.5];
 /// The error no longer falls if the shorter average is at least this share of the longer one, within
 /// [`ALIGNED_LIMBS_RAD`].

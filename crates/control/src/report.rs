@@ -10,8 +10,7 @@ use safety::engage::{self, MotionView};
 
 /// Silence of `ingest` after which its status is ignored, ns: ten of its periods.
 const INGEST_GONE_NS: u64 = 1_000_000_000;
-/// A frame that was dropped within this time counts as dropped now, ns. The time is as long as `ingest`'s own
-/// window.
+/// A frame that was dropped within this time counts as dropped now, ns. The time is as long as `ingest`'s own window.
 const DROPPED_NOW_NS: u64 = 1_000_000_000;
 
 /// The status that is published, and the newest one of `ingest`.

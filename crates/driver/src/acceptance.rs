@@ -11,13 +11,11 @@ use messages::{JointCommand, JointMotion, Stamp, TICK_HZ, TICK_S, deadline, tick
 /// watchdog has not fired: 10 ms in the simulated robot, 20 ms in a UR or a Franka.
 pub const GAP_MAX_TICKS: u64 = 8;
 
-/// The longest stop that is accepted, s: ten times the robots' longest stop of 500 ms. It bounds the work of
-/// one tick.
+/// The longest stop that is accepted, s: ten times the robots' longest stop of 500 ms. It bounds the work of one tick.
 pub const PLAN_MAX_S: f64 = 5.0;
 
-/// The largest speed or acceleration (rad/s, rad/s^2, m/s, m/s^2) that a plan may leave at its end.
-/// Rounding leaves less than 1e-12. Beyond 1e-7 the end of the plan would be a step that the limits do not
-/// cover.
+/// The largest speed or acceleration (rad/s, rad/s^2, m/s, m/s^2) that a plan may leave at its end. Rounding leaves
+/// less than 1e-12. Beyond 1e-7 the end of the plan would be a step that the limits do not cover.
 pub const REST_TOLERANCE: f64 = 1e-7;
 
 /// Age of a command, counted from its deadline, beyond which it is dropped: two ticks. It does not matter
@@ -50,13 +48,11 @@ pub enum Refusal {
     SeedPassed = 7,
     /// Its index has been executed already, or is not after the seed of its chain.
     NotAhead = 8,
-    /// It needs more jerk than the limits allow in the time between, so it does not continue the state that
-    /// it names.
+    /// It needs more jerk than the limits allow in the time between, so it does not continue the state that it names.
     Jump = 9,
     /// Its position, velocity or acceleration is outside the limits.
     OutsideLimits = 10,
-    /// It is more than `GAP_MAX_TICKS` after the executed index. The driver was suspended, and the robot is
-    /// elsewhere.
+    /// It is more than `GAP_MAX_TICKS` after the executed index. The driver was suspended, and the robot is elsewhere.
     Gap = 11,
     /// It is for a robot with another hash, or with another number of joints.
     OtherRobot = 12,
@@ -76,8 +72,7 @@ pub(crate) enum Rule {
     New { play_ticks: u64 },
 }
 
-/// Makes the checks that do not need the executed state. The driver judges a command further only if it
-/// passes them.
+/// Makes the checks that do not need the executed state. The driver judges a command further only if it passes them.
 pub(crate) fn plausible(config: &Config, now: Stamp, command: &JointCommand) -> Result<(), Refusal> {
     if command.robot != config.robot {
         return Err(Refusal::OtherRobot);
@@ -134,9 +129,8 @@ pub(crate) fn judge(config: &Config, state: &State, command: &JointCommand) -> R
     Ok(Rule::New { play_ticks })
 }
 
-/// Checks that every joint continues within its limits.
-/// A command for the state of another driver fails here, for example of one that died in the tick in which
-/// this one started.
+/// Checks that every joint continues within its limits. A command for the state of another driver fails here, for
+/// example of one that died in the tick in which this one started.
 fn continues(config: &Config, from: &JointMotion, from_k: u64, command: &JointCommand) -> Result<(), Refusal> {
     let dt_s = (command.k - from_k) as f64 * TICK_S;
     for (j, limits) in config.limits.iter().enumerate() {

@@ -21,8 +21,7 @@ impl CommandChain {
         Self { incarnation: command.header.incarnation, seed_k: command.seed_k, seed_played: command.seed_played }
     }
 
-    /// Returns the chain of the driver's last accepted command. Its incarnation is 0 if the driver has
-    /// accepted none.
+    /// Returns the chain of the driver's last accepted command. Its incarnation is 0 if the driver has accepted none.
     pub const fn executed(echo: &RobotState) -> Self {
         Self { incarnation: echo.command_incarnation, seed_k: echo.seed_k, seed_played: echo.seed_played }
     }
@@ -31,8 +30,7 @@ impl CommandChain {
 /// The state from which a new chain begins. Its first command has index `seed_k + seed_played + 1`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seed {
-    /// Index of the command from which the chain continues. `control` writes it into every command of the
-    /// chain.
+    /// Index of the command from which the chain continues. `control` writes it into every command of the chain.
     pub seed_k: u64,
     /// Plan ticks played after that command. `control` writes it into every command of the chain.
     pub seed_played: u64,
@@ -40,17 +38,15 @@ pub struct Seed {
     pub motion: JointMotion,
 }
 
-/// Returns the seed for a first command of index `k`: the driver's state advanced along its plan to index
-/// `k - 1`.
+/// Returns the seed for a first command of index `k`: the driver's state advanced along its plan to index `k - 1`.
 ///
 /// Returns `None` if the driver has executed index `k` already. Then nothing can be sent for `k`, so try the
 /// next index.
 ///
-/// The seed uses the echo alone, so it is right if the driver accepted no command since the echo.
-/// If it accepted one, its identity differs and it refuses the chain. The next echo shows that as
-/// `ChainView::Lost`.
-/// The caller decides if the echo is fresh enough to be trusted.
-/// The caller also decides if it may take over a driver in motion. It may not after a start of `control`.
+/// The seed uses the echo alone, so it is right if the driver accepted no command since the echo. If it accepted one,
+/// its identity differs and it refuses the chain. The next echo shows that as `ChainView::Lost`. The caller decides if
+/// the echo is fresh enough to be trusted. The caller also decides if it may take over a driver in motion. It may not
+/// after a start of `control`.
 pub fn reseed(echo: &RobotState, k: u64) -> Option<Seed> {
     let index = echo.executed_k.checked_add(echo.plan_ticks_played)?;
     let missing = k.checked_sub(1)?.checked_sub(index)?;
@@ -64,8 +60,7 @@ pub fn reseed(echo: &RobotState, k: u64) -> Option<Seed> {
 pub enum ChainView {
     /// The driver executes the chain. Continue it.
     Following,
-    /// The driver has not taken up the chain, or the echo is older than that. It still can, so continue the
-    /// chain.
+    /// The driver has not taken up the chain, or the echo is older than that. It still can, so continue the chain.
     Pending,
     /// The driver can take no further command of the chain. Reseed.
     Lost,
@@ -73,10 +68,9 @@ pub enum ChainView {
 
 /// Returns the driver's state with respect to `chain`, whose last sent command had index `last_sent_k`.
 ///
-/// `Following` is certain: a driver leaves a chain only by playing its plan, which the next echo shows.
-/// `Lost` is certain too, because an identity never returns. A chain is lost in three cases.
-/// The driver has played on past its last command, has passed its seed, or executes a state that the chain
-/// does not begin from.
+/// `Following` is certain: a driver leaves a chain only by playing its plan, which the next echo shows. `Lost` is
+/// certain too, because an identity never returns. A chain is lost in three cases. The driver has played on past its
+/// last command, has passed its seed, or executes a state that the chain does not begin from.
 pub fn on_chain(echo: &RobotState, chain: &CommandChain, last_sent_k: u64) -> ChainView {
     if CommandChain::executed(echo) == *chain {
         let continues = echo.plan_ticks_played == 0 && echo.executed_k <= last_sent_k;

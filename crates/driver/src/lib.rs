@@ -22,11 +22,10 @@
 //! (b) it belongs to a new chain whose seed is the executed identity or lies ahead on the plan being played. Then
 //!     the driver plays the plan up to the seed, and takes the command.
 //!
-//! A command that is [`GAP_MAX_TICKS`] ahead at most is taken under both rules. The driver was late, and
-//! `(k - k') T` defines the time between. It must continue the executed state within the limits of position,
-//! velocity, acceleration and jerk. When an index is due and no command for it is there, one tick of the plan is
-//! played instead. So the executed motion is continuous whatever the two processes' timing, as `tests/model.rs`
-//! shows.
+//! A command that is [`GAP_MAX_TICKS`] ahead at most is taken under both rules. The driver was late, and `(k - k') T`
+//! defines the time between. It must continue the executed state within the limits of position, velocity, acceleration
+//! and jerk. When an index is due and no command for it is there, one tick of the plan is played instead. So the
+//! executed motion is continuous whatever the two processes' timing, as `tests/model.rs` shows.
 //!
 //! A driver that was suspended for longer while the robot moved does not take a command of its old chain. If the
 //! robot is measured where the plan has come to meanwhile, it goes on with the plan. If the robot is near another

@@ -4,9 +4,8 @@
 use crate::acceptance::Refusal;
 use crate::plan::after;
 
-/// Rounding of a position (rad, m), a speed or an acceleration.
-/// Positions of some radians in doubles err by less than 1e-11 after a stop of 7500 ticks, and the gate
-/// rounds to 1e-12.
+/// Rounding of a position (rad, m), a speed or an acceleration. Positions of some radians in doubles err by less than
+/// 1e-11 after a stop of 7500 ticks, and the gate rounds to 1e-12.
 const ROUNDING: f64 = 1e-9;
 
 /// Share of the acceleration and jerk limits that the driver's own stops use.
@@ -74,9 +73,8 @@ impl JointLimits {
         if smooth { Ok(()) } else { Err(Refusal::Jump) }
     }
 
-    /// Returns the position nearest to `q` inside the limits if it is at most `noise` away, and otherwise
-    /// `q`.
-    /// A servo may stand a little beyond a limit. A setpoint may not.
+    /// Returns the position nearest to `q` inside the limits if it is at most `noise` away, and otherwise `q`. A servo
+    /// may stand a little beyond a limit. A setpoint may not.
     pub(crate) fn within(&self, q: f64, noise: f64) -> f64 {
         let nearest = q.clamp(self.q_min, self.q_max);
         if (nearest - q).abs() <= noise { nearest } else { q }
@@ -97,11 +95,9 @@ impl JointLimits {
         if speed <= ROUNDING { 0.0 } else { speed.copysign(v) }
     }
 
-    /// Returns the shortest stop from speed `v` of a joint that already brakes at `braking`, both positive
-    /// along the motion.
-    /// It gives jerk and duration of its three phases, with [`OWN_STOP_SHARE`] of the limits A and J.
-    /// It uses the braking b = min(braking, A, sqrt(2 J v)), because the jerk must end it together with the
-    /// speed.
+    /// Returns the shortest stop from speed `v` of a joint that already brakes at `braking`, both positive along the
+    /// motion. It gives jerk and duration of its three phases, with [`OWN_STOP_SHARE`] of the limits A and J. It uses
+    /// the braking b = min(braking, A, sqrt(2 J v)), because the jerk must end it together with the speed.
     ///
     /// ```text
     /// p  = min(A, sqrt(J v + b^2 / 2))            the strongest braking

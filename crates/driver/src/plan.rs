@@ -35,10 +35,9 @@ impl PlanPlayback for JointMotion {
     }
 }
 
-/// Returns a motion at `q` with a stop within the limits from the speeds `v` (rad/s, m/s).
-/// It reduces a speed whose stop would leave the position limits.
-/// A joint that already brakes at its acceleration in `a` (rad/s^2, m/s^2) goes on braking.
-/// No certificate covers the stop. It is for a robot that moved on without its driver.
+/// Returns a motion at `q` with a stop within the limits from the speeds `v` (rad/s, m/s). It reduces a speed whose
+/// stop would leave the position limits. A joint that already brakes at its acceleration in `a` (rad/s^2, m/s^2) goes
+/// on braking. No certificate covers the stop. It is for a robot that moved on without its driver.
 pub(crate) fn stopping(
     limits: &[JointLimits; JOINTS_MAX],
     q: [f64; JOINTS_MAX],

@@ -71,12 +71,10 @@ pub trait Driver {
     /// Returns the newest measurement at `now`. Its stamp says how old it is.
     fn read(&mut self, now: Stamp) -> Measured;
 
-    /// Hands `setpoint` to the robot, and the stop from there for a robot that plays it by itself.
-    /// Returns `false` if the robot did not take it. The caller passes that on as `Input::port_fault` of the
-    /// next tick.
+    /// Hands `setpoint` to the robot, and the stop from there for a robot that plays it by itself. Returns `false` if
+    /// the robot did not take it. The caller passes that on as `Input::port_fault` of the next tick.
     ///
-    /// A robot that was without power, or stopped by its own emergency stop, follows again only from where it
-    /// stands.
+    /// A robot that was without power, or stopped by its own emergency stop, follows again only from where it stands.
     /// The follower ensures that: it holds the measured posture as long as the drives are not sound.
     fn write(&mut self, now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool;
 

@@ -211,9 +211,8 @@ impl State {
         let (elapsed_s, age_s) = (ticks as f64 * TICK_S, now.since(measured.stamp) as f64 * 1e-9);
         // The measurement may be older than the last setpoint, by this much.
         let sooner_s = (age_s + (FOLLOWING_DELAY_TICKS + SETPOINT_TICKS) as f64 * TICK_S - elapsed_s).max(0.0);
-        // Each joint carried on or braked, so its speed lies between the last one and rest. But for noise, it
-        // differs from the last one by no more than the acceleration limit allows. A robot that braked harder is
-        // believed.
+        // Each joint carried on or braked, so its speed lies between the last one and rest. But for noise, it differs
+        // from the last one by no more than the acceleration limit allows. A robot that braked harder is believed.
         let speed = |j: usize| {
             let (v, ahead, a_max) = (self.motion.v[j], planned.v[j], config.limits[j].a_max);
             let between = measured.dq[j].clamp(v.min(ahead).min(0.0), v.max(ahead).max(0.0));
@@ -281,14 +280,12 @@ fn near(limits: &JointLimits) -> f64 {
     ENCODER_NOISE + NEAR_S * limits.v_max
 }
 
-/// Returns the largest difference of speed, rad/s or m/s, at which a joint still moves as the certified stop
-/// does.
+/// Returns the largest difference of speed, rad/s or m/s, at which a joint still moves as the certified stop does.
 fn as_fast(limits: &JointLimits) -> f64 {
     SPEED_NOISE + AS_FAST_S * limits.a_max
 }
 
-/// Returns where joint `j`, now at `q` with speed `v`, will be when a setpoint that is sent now reaches it, rad or
-/// m.
+/// Returns where joint `j`, now at `q` with speed `v`, will be when a setpoint that is sent now reaches it, rad or m.
 fn arrival(config: &Config, j: usize, q: f64, v: f64) -> f64 {
     let way = config.interface_delay_ticks as f64 * TICK_S * v;
     config.limits[j].within(q + way, NOISE + way.abs())

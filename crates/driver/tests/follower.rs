@@ -19,8 +19,7 @@ impl Bench {
         JointCommand { q: seed.motion.q, v: [0.0; JOINTS_MAX], plan: StopPlan::ZERO, reset_count, ..honest }
     }
 
-    /// Follows to `K + 5`, then sends nothing until the fault is latched and the plan has ended. Returns the
-    /// index.
+    /// Follows to `K + 5`, then sends nothing until the fault is latched and the plan has ended. Returns the index.
     fn latch(&mut self) -> u64 {
         self.follow(K + 5);
         for k in K + 6..K + 200 {
@@ -243,8 +242,7 @@ fn f057_robot_refusing_setpoints_gets_plan_only_while_near_it() {
     assert!(left > 10, "{left}");
 }
 
-/// The robot may have taken the last setpoint, and then the held posture would be a jump. So it must answer
-/// first.
+/// The robot may have taken the last setpoint, and then the held posture would be a jump. So it must answer first.
 #[test]
 fn f057_robot_off_its_plan_is_held_only_after_it_answers() {
     for (answers_after, takes) in [(3, false), (3, true), (u64::MAX, false)] {

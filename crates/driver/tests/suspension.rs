@@ -66,8 +66,7 @@ fn suspended_driver_continues_certified_stop_if_robot_played_it() {
         assert_eq!(bench.state.motion, planned, "{gap}");
         assert_eq!((out.suspended_ticks, out.advanced, out.accepted), (Some(gap), gap, None));
         assert_eq!(out.faults.has(Fault::DriverFault), gap > SILENCE_TICKS, "{gap}");
-        // If one joint is elsewhere, or has another speed, the driver begins at the measured posture of all
-        // joints.
+        // If one joint is elsewhere, or has another speed, the driver begins at the measured posture of all joints.
         for (q, v) in [(0.02, 0.0), (-0.02, 0.0), (0.0, 1.0), (0.0, -1.0)] {
             let mut bench = Bench::following();
             let mut elsewhere = now;

@@ -65,8 +65,7 @@ pub struct Config {
 }
 
 impl Config {
-    /// Creates a configuration for the robot's arms within their limits. `v_max`: speeds that the plan may use,
-    /// rad/s.
+    /// Creates a configuration for the robot's arms within their limits. `v_max`: speeds that the plan may use, rad/s.
     pub fn new(model: &Model, v_max: &[f64; JOINTS_MAX], weights: Weights) -> Self {
         let first = model.arms.each_ref().map(|arm| arm.joints[0]);
         let bounds = first.map(|first| {
@@ -209,8 +208,7 @@ impl Default for State {
     }
 }
 
-/// Advances the stage by one period. It is deterministic, and never allocates, blocks, logs, reads a clock or
-/// panics.
+/// Advances the stage by one period. It is deterministic, and never allocates, blocks, logs, reads a clock or panics.
 ///
 /// ```
 /// # let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
@@ -323,8 +321,7 @@ fn hand_speed(config: &Config, state: &State, input: &Input<'_>, arm: usize) -> 
     fit.speed()
 }
 
-/// Runs a step of the current iteration: the first one prepares it, the last one ends it, those between sweep
-/// backward.
+/// Runs a step of the current iteration: the first one prepares it, the last one ends it, those between sweep backward.
 fn iterate(config: &Config, state: &mut State, input: &Input<'_>) {
     let arm = state.arm;
     let work = &mut *state.iteration;

@@ -122,8 +122,7 @@ impl Noise {
     /// Filters the position of one visible joint.
     fn see(&self, state: &mut NoiseState, joint: usize, origin: Stamp, period_s: f64, place: [f64; 3]) {
         let kept = state.kept[joint];
-        // A held joint did not jump if it is near its last input position, or near the position at which it was
-        // held.
+        // A held joint did not jump if it is near its last input position, or near the position at which it was held.
         let step = distance(place, state.came[joint].map(f64::from)).min(distance(place, kept));
         let known = state.known & (1 << joint) != 0 && step <= self.step_max_m * (period_s * 30.0).max(1.0);
         state.known |= 1 << joint;

@@ -16,12 +16,10 @@
 
 use messages::Stamp;
 
-/// Number of residuals per joint, N. Assumption: a quarter of a second of a camera, of which three may be
-/// outliers.
+/// Number of residuals per joint, N. Assumption: a quarter of a second of a camera, of which three may be outliers.
 const WINDOW: usize = 7;
-/// Standard deviation of normal noise per median absolute deviation: 1 / Phi^-1(3 / 4) (Hampel). A distance in
-/// space is larger than its coordinates. So k is more than k standard deviations of one coordinate: 2.3 times as
-/// many.
+/// Standard deviation of normal noise per median absolute deviation: 1 / Phi^-1(3 / 4) (Hampel). A distance in space is
+/// larger than its coordinates. So k is more than k standard deviations of one coordinate: 2.3 times as many.
 const SIGMA_PER_MAD: f64 = 1.4826;
 /// Change of velocity within a frame that always counts as motion, u, m/s. Of the joints of 61 recorded clips of
 /// CMU fewer than 1 in 1000 exceed it at 30 and at 60 Hz (`examples/outliers.rs`).
@@ -79,9 +77,8 @@ impl Past {
         held: false,
     };
 
-    /// Returns the position at which the joint is held if the new one is an outlier. `None` if the new one is
-    /// accepted. `k` is the bound in deviations. It never holds twice in a row, nor before the window of residuals
-    /// is full.
+    /// Returns the position at which the joint is held if the new one is an outlier. `None` if the new one is accepted.
+    /// `k` is the bound in deviations. It never holds twice in a row, nor before the window of residuals is full.
     pub(crate) fn hold(&mut self, k: f64, at: Stamp, came: [f64; 3]) -> Option<[f64; 3]> {
         let outlier = self.judge(k, at, came).filter(|_| !self.held);
         self.held = outlier.is_some();

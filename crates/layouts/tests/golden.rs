@@ -82,8 +82,7 @@ fn joint_frames_turned_in_t_pose_give_same_limbs() {
     }
 }
 
-/// Raw numbers, written by hand. Xsens has its right side first and w before x. Kinect has millimetres with y
-/// down.
+/// Raw numbers, written by hand. Xsens has its right side first and w before x. Kinect has millimetres with y down.
 #[test]
 fn hand_written_wrist_converts_to_its_side() {
     let layouts = Layouts::default();

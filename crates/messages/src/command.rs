@@ -132,8 +132,7 @@ message! {
 }
 
 message! {
-    /// The state that the robot should have at tick `k`, and the stop to play if no command for tick `k + 1`
-    /// arrives.
+    /// The state that the robot should have at tick `k`, and the stop to play if no command for tick `k + 1` arrives.
     pub struct JointCommand v 3 size 1864 {
         /// `origin` of the skeleton that the command follows.
         pub header: Header,

@@ -44,8 +44,7 @@ pub const fn deadline(k: u64) -> Stamp {
     Stamp(((k as u128 * 2_000_000).div_ceil(3)) as u64)
 }
 
-/// Returns the last tick whose deadline is not after `now`:
-/// `deadline(tick_at(t)) <= t < deadline(tick_at(t) + 1)`.
+/// Returns the last tick whose deadline is not after `now`: `deadline(tick_at(t)) <= t < deadline(tick_at(t) + 1)`.
 ///
 /// ```
 /// use messages::{Stamp, deadline, tick_at};

@@ -113,8 +113,7 @@ impl Client {
         self
     }
 
-    /// Sends the state of this client and returns the status of `control`. Call it at 50 Hz while anything is
-    /// held.
+    /// Sends the state of this client and returns the status of `control`. Call it at 50 Hz while anything is held.
     pub fn heartbeat(&mut self) -> Result<Status, OperatorError> {
         self.request.sequence += 1;
         let request = self.request;

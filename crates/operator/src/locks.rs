@@ -4,8 +4,7 @@
 //! switch (29 CFR 1910.147, lockout by each worker). The lock belongs to the user and not to the connection:
 //! `teleopctl estop` ends with its press, and a web page may be closed. The kernel gives the user (SO_PEERCRED).
 
-/// Number of users with separate locks, as many as there are connections. With more users only root removes the
-/// locks.
+/// Number of users with separate locks, as many as there are connections. With more users only root removes the locks.
 const LOCKS_MAX: usize = crate::merge::CLIENTS_MAX;
 
 /// User number of root.
@@ -52,8 +51,7 @@ impl Locks {
         *self == Self::default()
     }
 
-    /// Returns the number of a user with a lock, plus one. Zero if there is no lock. If too many users pressed,
-    /// root.
+    /// Returns the number of a user with a lock, plus one. Zero if there is no lock. If too many users pressed, root.
     pub(crate) fn first_by(&self) -> u32 {
         let first = self.owners.iter().flatten().next().copied().or(self.overflowed.then_some(ROOT));
         first.map_or(0, |uid| uid.saturating_add(1))

@@ -215,9 +215,8 @@ impl Perceptron {
     }
 }
 
-/// Number of lines in the next panel of a layer with `remain` lines left, for vectors of `lanes` numbers. A panel
-/// has at most eight vectors of 16 numbers, or four shorter ones. The processor has half as many registers for
-/// those.
+/// Number of lines in the next panel of a layer with `remain` lines left, for vectors of `lanes` numbers. A panel has
+/// at most eight vectors of 16 numbers, or four shorter ones. The processor has half as many registers for those.
 #[inline(always)]
 pub(crate) fn panel_lines(lanes: usize, remain: usize) -> usize {
     match (lanes, remain) {

@@ -160,9 +160,8 @@ impl Dynamics {
         result
     }
 
-    /// Returns the torques (N m, N) of the links alone, without rotors and friction, in the motion with these
-    /// joint speeds and accelerations (rad/s, rad/s^2; m/s, m/s^2). It is the recursion of Newton and Euler,
-    /// section 5.3.
+    /// Returns the torques (N m, N) of the links alone, without rotors and friction, in the motion with these joint
+    /// speeds and accelerations (rad/s, rad/s^2; m/s, m/s^2). It is the recursion of Newton and Euler, section 5.3.
     pub fn torques(&self, posture: &Posture, v: &[f64; JOINTS_MAX], a: &[f64; JOINTS_MAX]) -> [f64; JOINTS_MAX] {
         let mut velocity = [Vector6::zeros(); JOINTS_MAX + 1];
         let mut acceleration = [Vector6::zeros(); JOINTS_MAX + 1];

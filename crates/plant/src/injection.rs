@@ -80,8 +80,7 @@ pub(crate) struct Injected {
 }
 
 impl Injected {
-    /// Switches a fault on, with the joints at `q` after `step` steps. A joint index that is too large changes
-    /// nothing.
+    /// Switches a fault on, with the joints at `q` after `step` steps. A joint index that is too large changes nothing.
     pub(crate) fn switch_on(&mut self, fault: Injection, q: &[f64; JOINTS_MAX], step: u64) {
         let known = |joint: usize| joint < JOINTS_MAX;
         match fault {

@@ -124,9 +124,8 @@ impl Judge {
         self.clearance_m = self.clearance_m.max(clearance_m.min(config.links.body.d_min_m));
     }
 
-    /// Compares a setpoint that the robot took with the one before, in wall time. `begins` says that it is the
-    /// first after a start or a reaction. Then there is none to compare it with, but the robot has checked that
-    /// it is near.
+    /// Compares a setpoint that the robot took with the one before, in wall time. `begins` says that it is the first
+    /// after a start or a reaction. Then there is none to compare it with, but the robot has checked that it is near.
     ///
     /// Each joint has an account of time. Wall time is paid in, and |dq| / v_max and |dv| / a_max are taken out.
     /// No more than the jitter allowance is carried over, so no sender moves faster than the limits for longer. A

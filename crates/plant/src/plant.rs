@@ -383,8 +383,7 @@ impl Plant {
         (posture, pushes)
     }
 
-    /// Returns the reference of a joint, with the faults that change it. Returns `None` while the motors only
-    /// damp.
+    /// Returns the reference of a joint, with the faults that change it. Returns `None` while the motors only damp.
     fn reference(&self, j: usize) -> Option<Reference> {
         let [mut q, mut v, mut a] = match self.mode {
             Mode::Holding { .. } => [self.held.0[j], self.held.1[j], 0.0],

@@ -90,8 +90,7 @@ fn prescribed_acceleration_acts_like_its_torque() {
     }
 }
 
-/// The torques that hold a posture leave it at rest. A small extra torque accelerates its joint by torque over
-/// inertia.
+/// The torques that hold a posture leave it at rest. A small extra torque accelerates its joint by torque over inertia.
 #[test]
 fn gravity_torques_hold_any_posture() {
     let body = body(HANDS);

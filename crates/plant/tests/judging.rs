@@ -108,8 +108,7 @@ fn robot_starting_outside_may_move_inward_only() {
     }
 }
 
-/// Sends the elbow at `speed` with `ticks` setpoints, one every `every_ns`. Returns the violations of step and
-/// change.
+/// Sends the elbow at `speed` with `ticks` setpoints, one every `every_ns`. Returns the violations of step and change.
 fn sent(speed: f64, ticks: u64, every_ns: u64) -> (u64, u64) {
     let config = config(HANDS, &Options::default());
     let mut judge = Judge::new(&config, config.home());

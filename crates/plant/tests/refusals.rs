@@ -1,5 +1,4 @@
-//! Files that do not describe a robot are refused, and the error names file, key and value. Valid variants are
-//! read.
+//! Files that do not describe a robot are refused, and the error names file, key and value. Valid variants are read.
 
 use crate::support::{HANDS, body};
 use plant::{Body, PlantError};

@@ -38,10 +38,9 @@ impl Keys {
         &self.arm
     }
 
-    /// Returns q = D_r(sum_i w_i z_i) + sum_i w_i (q_i - D_r(z_i)), rad, within the limits. The w_i are the
-    /// shares of the keys, and their sum is 1. The refinement of a pose fades with its share. Refining every
-    /// mixture by itself could jump from one end of a joint to the other. A key whose share is 1 is reached
-    /// exactly.
+    /// Returns q = D_r(sum_i w_i z_i) + sum_i w_i (q_i - D_r(z_i)), rad, within the limits. The w_i are the shares of
+    /// the keys, and their sum is 1. The refinement of a pose fades with its share. Refining every mixture by itself
+    /// could jump from one end of a joint to the other. A key whose share is 1 is reached exactly.
     pub fn mix_latent(&self, shares: &[f64]) -> [ArmQ; ARMS] {
         let latents: [Latent; ARMS] = std::array::from_fn(|arm| {
             let z: [f64; LATENT] = self.sum(shares, |key| key.latents[arm].map(f64::from));

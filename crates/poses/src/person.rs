@@ -25,11 +25,10 @@ fn rotations(pose: &ArmPose) -> [UnitQuaternion<f64>; 3] {
     [upper, fore, fore * about(y, -pronation)]
 }
 
-/// Returns the pose of a left arm that brings the middle of the hand to `hand_m`. The position is relative to
-/// the middle between the shoulders. x points forward, y away from the middle of the body to the arm's own
-/// side, z up. `swivel_deg` turns the elbow about the line from shoulder to hand. It turns from below (0)
-/// outwards (90, if that line points forward). A hand out of reach is brought as near as a flexion of 2 degrees
-/// allows.
+/// Returns the pose of a left arm that brings the middle of the hand to `hand_m`. The position is relative to the
+/// middle between the shoulders. x points forward, y away from the middle of the body to the arm's own side, z up.
+/// `swivel_deg` turns the elbow about the line from shoulder to hand. It turns from below (0) outwards (90, if that
+/// line points forward). A hand out of reach is brought as near as a flexion of 2 degrees allows.
 pub fn reach(hand_m: [f64; 3], swivel_deg: f64, pronation_deg: f64) -> ArmPose {
     let shoulder = Vector3::new(0.0, SHOULDER_M, 0.0);
     let (upper_length, fore_length) = (UPPER_ARM_M, FOREARM_M + HAND_M);

@@ -31,9 +31,8 @@ const CONTINUE_WEIGHT: f64 = 1e-5;
 const CONTINUE_COST: f64 = 1e-6;
 const CONTINUE_STEPS: u32 = 40;
 
-/// Returns the reachable optimum of every frame, from the multi-start oracle. If joints are degenerate (arm
-/// hanging) or two optima are equally good, it takes the one that continues the previous frame. This may cost
-/// at most 1e-6 of S_GR.
+/// Returns the reachable optimum of every frame, from the multi-start oracle. If joints are degenerate (arm hanging) or
+/// two optima are equally good, it takes the one that continues the previous frame. This may cost at most 1e-6 of S_GR.
 pub fn ground_truth(model: &Model, motion: &Motion) -> Trajectory {
     ground_truth_touching(model, motion, 0.0)
 }
@@ -90,9 +89,8 @@ const STEP_TOLERANCE: f64 = 0.01;
 /// An excess over the joint limits below this is rounding, rad.
 const LIMIT_TOLERANCE_RAD: f64 = 1e-3;
 
-/// Reads a CSV file with a column `time_s` (or `t_s`) and one column per arm joint 1 to 5, by name and in any
-/// order. Other columns are left out. A rate outside 30 to 240 Hz, or one that is not constant, is interpolated
-/// to 60 Hz.
+/// Reads a CSV file with a column `time_s` (or `t_s`) and one column per arm joint 1 to 5, by name and in any order.
+/// Other columns are left out. A rate outside 30 to 240 Hz, or one that is not constant, is interpolated to 60 Hz.
 pub fn read_csv(path: &Path, model: &Model) -> Result<Trajectory, PosesError> {
     let bytes = std::fs::metadata(path).map_err(PosesError::file(path))?;
     if !bytes.is_file() || bytes.len() > FILE_BYTES_MAX {

@@ -1,5 +1,4 @@
-//! Three key poses as the corners of a triangle. Every point of it gives a person whose limbs turn like the
-//! robot's.
+//! Three key poses as the corners of a triangle. Every point of it gives a person whose limbs turn like the robot's.
 
 use crate::error::PosesError;
 use crate::keys::Keys;

@@ -47,9 +47,8 @@ pub fn branch(arm: &ArmModel, human: &Limbs, previous: &ArmQ, sign: f64) -> ArmQ
     q
 }
 
-/// Offsets t with R = Rot(a, t0) Rot(b, t1) Rot(c, t2), a and c orthogonal to b. a.Rc = (a.c) cos t1 + a.(b x c)
-/// sin t1 gives t1 up to its branch. t0 turns Rot(b, t1) c into Rc about a. t2 follows likewise from the
-/// transpose.
+/// Offsets t with R = Rot(a, t0) Rot(b, t1) Rot(c, t2), a and c orthogonal to b. a.Rc = (a.c) cos t1 + a.(b x c) sin t1
+/// gives t1 up to its branch. t0 turns Rot(b, t1) c into Rc about a. t2 follows likewise from the transpose.
 fn shoulder(arm: &ArmModel, r: &UnitQuaternion<f64>, previous: &ArmQ, sign: f64) -> [f64; 3] {
     let [a, b, c] = [&arm.axes[0], &arm.axes[1], &arm.axes[2]];
     let (cosine, sine) = (a.dot(c), a.dot(&b.cross(c)));

@@ -1,10 +1,9 @@
 //! Prediction of a person's arm, learnt from recorded motion: a linear map from the turns of the last half second.
 //!
 //! A *turn* is the rotation vector log(R(t - age) R(t)^-1) of a limb. The inputs are turns, and turns times the
-//! directions of the arm's limbs: gravity and the ranges of the joints depend on these. There is no constant
-//! input, so a person who stands still is predicted to stand still. The outputs are the turns log(R(t + h)
-//! R(t)^-1) of the arm's own limbs at a few horizons. Ages and horizons are in seconds, so any frame rate from 20
-//! to 240 Hz works.
+//! directions of the arm's limbs: gravity and the ranges of the joints depend on these. There is no constant input, so
+//! a person who stands still is predicted to stand still. The outputs are the turns log(R(t + h) R(t)^-1) of the arm's
+//! own limbs at a few horizons. Ages and horizons are in seconds, so any frame rate from 20 to 240 Hz works.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use robot::Limbs;

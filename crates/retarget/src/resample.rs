@@ -46,8 +46,7 @@ const TIMING_STEP_MAX: f64 = 0.25;
 const PERIOD_COUNT_MAX: u32 = 32;
 /// Shortest mean period that is used, ns: 240 Hz is the fastest source.
 const PERIOD_MIN_NS: f64 = 1e9 / 240.0;
-/// Shortest step of source time, ns, for stamps that do not advance: a source of 1 kHz, four times the fastest
-/// allowed.
+/// Shortest step of source time, ns, for stamps that do not advance: a source of 1 kHz, four times the fastest allowed.
 const STEP_MIN_NS: i64 = 1_000_000;
 
 /// Signed nanoseconds of a stamp, limited to 146 years.

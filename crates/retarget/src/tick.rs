@@ -104,8 +104,7 @@ pub struct Output {
     pub counters: Counters,
 }
 
-/// Advances the stage by one period. It is deterministic, and never allocates, blocks, logs, reads a clock or
-/// panics.
+/// Advances the stage by one period. It is deterministic, and never allocates, blocks, logs, reads a clock or panics.
 ///
 /// ```
 /// # let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
@@ -313,8 +312,7 @@ fn correct_contacts(
     }
 }
 
-/// Extrapolates the arms of a new skeleton at `source`. An arm that was never seen is assumed to equal the other
-/// one.
+/// Extrapolates the arms of a new skeleton at `source`. An arm that was never seen is assumed to equal the other one.
 fn extrapolate(prediction: &Prediction, tracks: &mut [Track; ARMS], new: [bool; ARMS], source: i64) {
     let pasts = [tracks[0].past(source), tracks[1].past(source)];
     for arm in 0..ARMS {
@@ -327,9 +325,8 @@ fn extrapolate(prediction: &Prediction, tracks: &mut [Track; ARMS], new: [bool; 
     }
 }
 
-/// Mixes the session of the target from the client's session, the incarnation of `ingest`, the person, and the
-/// count of forgotten arms. A change of any of them needs a new enable edge. Never zero, because zero stands for
-/// no session.
+/// Mixes the session of the target from the client's session, the incarnation of `ingest`, the person, and the count of
+/// forgotten arms. A change of any of them needs a new enable edge. Never zero, because zero stands for no session.
 fn session(skeleton: &Skeleton, forgotten: u64) -> u64 {
     // 2^64 over the golden ratio. It is odd, so different incarnations stay different.
     let ingest = u64::from(skeleton.header.incarnation).wrapping_mul(0x9E37_79B9_7F4A_7C15);

@@ -1,5 +1,4 @@
-//! The weights file: a safetensors file and a TOML manifest that ties it to one robot. It turns bytes into
-//! networks.
+//! The weights file: a safetensors file and a TOML manifest that ties it to one robot. It turns bytes into networks.
 
 use perceptron::{WIDTH_MAX, WeightsError, WriteError, key, must, must_match, sha256_hex};
 use serde::{Deserialize, Serialize};

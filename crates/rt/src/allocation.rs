@@ -42,8 +42,7 @@ fn count(allocated: u64, freed: u64, bytes: usize) {
     }
 }
 
-// SAFETY: every call goes unchanged to `System`, which fulfils the contract. The counting touches only
-// thread-local
+// SAFETY: every call goes unchanged to `System`, which fulfils the contract. The counting touches only thread-local
 // cells, and neither allocates nor unwinds.
 unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
@@ -102,9 +101,8 @@ fn counted_on<T>(aside: bool, work: impl FnOnce() -> T) -> T {
     result
 }
 
-/// Runs `work` and counts the allocations of the calling thread in it. It counts nothing unless
-/// `CountingAllocator` is the global allocator, so a test proves first that it sees a deliberate allocation. It
-/// does not nest.
+/// Runs `work` and counts the allocations of the calling thread in it. It counts nothing unless `CountingAllocator` is
+/// the global allocator, so a test proves first that it sees a deliberate allocation. It does not nest.
 pub fn count_allocations<T>(work: impl FnOnce() -> T) -> (T, Allocations) {
     assert!(!ARMED.get(), "count_allocations does not nest");
     COUNT.set(Allocations::default());

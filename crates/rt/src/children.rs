@@ -1,5 +1,4 @@
-//! Parents and children: a process of an instance must not outlive the process that started it, nor be cut off by
-//! it.
+//! Parents and children: a process of an instance must not outlive the process that started it, nor be cut off by it.
 #![allow(unsafe_code)]
 
 /// Asks the kernel for SIGTERM when the parent dies, so that `kill -9` of a supervisor still brings the robot to

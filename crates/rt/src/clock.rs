@@ -61,8 +61,7 @@ impl SleepWatch {
     }
 }
 
-/// Sleeps until `deadline` (absolute, so no drift). Returns at once if it has passed. A signal does not shorten
-/// it.
+/// Sleeps until `deadline` (absolute, so no drift). Returns at once if it has passed. A signal does not shorten it.
 pub fn sleep_until(deadline: Stamp) {
     while !sleep_once(deadline) {}
 }
@@ -73,8 +72,7 @@ pub(crate) fn sleep_once(deadline: Stamp) -> bool {
         tv_sec: (deadline.0 / 1_000_000_000) as libc::time_t,
         tv_nsec: (deadline.0 % 1_000_000_000) as libc::c_long,
     };
-    // SAFETY: `time` is a valid timespec with tv_nsec < 1e9. With TIMER_ABSTIME the remainder pointer may be
-    // null.
+    // SAFETY: `time` is a valid timespec with tv_nsec < 1e9. With TIMER_ABSTIME the remainder pointer may be null.
     let rc = unsafe { libc::clock_nanosleep(libc::CLOCK_MONOTONIC, libc::TIMER_ABSTIME, &time, std::ptr::null_mut()) };
     assert!(rc == 0 || rc == libc::EINTR, "clock_nanosleep refused an absolute deadline: errno {rc}");
     rc == 0

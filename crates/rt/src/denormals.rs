@@ -44,9 +44,8 @@ mod control {
 
     pub(super) fn set() {
         let wanted = read() | BITS;
-        // SAFETY: ldmxcsr reads four bytes of `wanted`. Only bits that every x86_64 has are added. No code here
-        // depends on
-        // denormal numbers. The compiler assumes the default, and at most keeps a denormal number that it folded.
+        // SAFETY: ldmxcsr reads four bytes of `wanted`. Only bits that every x86_64 has are added. No code here depends
+        // on denormal numbers. The compiler assumes the default, and at most keeps a denormal number that it folded.
         unsafe { asm!("ldmxcsr [{}]", in(reg) &raw const wanted, options(nostack, preserves_flags)) };
     }
 
@@ -72,9 +71,8 @@ mod control {
 
     pub(super) fn set() {
         let wanted = read() | BITS;
-        // SAFETY: writes FPCR with one more bit that every aarch64 has. No code here depends on denormal numbers.
-        // The compiler
-        // assumes the default, and at most keeps a denormal number that it folded.
+        // SAFETY: writes FPCR with one more bit that every aarch64 has. No code here depends on denormal numbers. The
+        // compiler assumes the default, and at most keeps a denormal number that it folded.
         unsafe { asm!("msr fpcr, {}", in(reg) wanted, options(nostack, preserves_flags)) };
     }
 

@@ -17,8 +17,7 @@ pub struct Tick {
     pub missed: u64,
 }
 
-/// Bookkeeping of the grid, without a clock. Catching up skips indices. It never issues two ticks for one
-/// wake-up.
+/// Bookkeeping of the grid, without a clock. Catching up skips indices. It never issues two ticks for one wake-up.
 #[derive(Clone, Debug)]
 pub struct TickGrid {
     first_k: u64,

@@ -1,7 +1,6 @@
 //! Latencies, recorded without allocating and reported in microseconds.
 
-/// Longest duration with a bucket of its own, 10 s. Longer ones count in the last bucket, and `max_us` stays
-/// exact.
+/// Longest duration with a bucket of its own, 10 s. Longer ones count in the last bucket, and `max_us` stays exact.
 const LONGEST_NS: u64 = 10_000_000_000;
 /// Significant digits: 3 gives 0.1 % of resolution in 200 KB.
 const DIGITS: u8 = 3;

@@ -35,8 +35,7 @@ impl ServiceManager {
         Ok(Self { channel: Some(channel), watchdog })
     }
 
-    /// Returns the longest silence of `watchdog` that the manager tolerates. Call `watchdog` at half of this
-    /// interval.
+    /// Returns the longest silence of `watchdog` that the manager tolerates. Call `watchdog` at half of this interval.
     pub fn watchdog_timeout(&self) -> Option<Duration> {
         self.watchdog
     }

@@ -1,8 +1,7 @@
 //! Ends a process that has found a bug in itself.
 
-/// Makes a panic of any thread end the process at once (SIGABRT), after its message. Nothing is unwound and
-/// nothing more is sent. A process that goes on after a bug is worse than a silent one, and silence stops the
-/// robot.
+/// Makes a panic of any thread end the process at once (SIGABRT), after its message. Nothing is unwound and nothing
+/// more is sent. A process that goes on after a bug is worse than a silent one, and silence stops the robot.
 pub fn abort_on_panic() {
     let default_hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

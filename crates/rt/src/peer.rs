@@ -33,8 +33,7 @@ impl Peer {
         Ok(Self { pid: u32::try_from(pid).unwrap_or(0), uid, gid })
     }
 
-    /// Returns true if group `gid` is the peer's effective one or one of its supplementary groups
-    /// (SO_PEERGROUPS).
+    /// Returns true if group `gid` is the peer's effective one or one of its supplementary groups (SO_PEERGROUPS).
     pub fn is_member(&self, socket: BorrowedFd<'_>, gid: u32) -> bool {
         let mut groups = [0; GROUPS_MAX];
         let mut supplementary = || {
@@ -49,9 +48,8 @@ impl Peer {
 fn ask<T: Copy>(socket: BorrowedFd<'_>, option: libc::c_int, into: &mut [T]) -> Result<usize> {
     let mut bytes = size_of_val(into) as libc::socklen_t;
     let place = into.as_mut_ptr().cast::<libc::c_void>();
-    // SAFETY: `place` points to `bytes` writable bytes of plain numbers, for which every pattern is valid. The
-    // kernel writes
-    // no more than `bytes` and returns how many.
+    // SAFETY: `place` points to `bytes` writable bytes of plain numbers, for which every pattern is valid. The kernel
+    // writes no more than `bytes` and returns how many.
     let rc = unsafe { libc::getsockopt(socket.as_raw_fd(), libc::SOL_SOCKET, option, place, &mut bytes) };
     if rc == 0 { Ok(bytes as usize) } else { Err(Error::last_os_error()) }
 }

@@ -60,8 +60,7 @@ impl Placement {
     /// Puts everything real-time on the first isolated core, or else on the last core of a small machine.
     /// Otherwise leaves all free.
     pub fn auto(map: &CoreMap) -> Self {
-        // Threads start on the cores that are not isolated. Someone set a narrower mask on purpose, so stay
-        // inside it.
+        // Threads start on the cores that are not isolated. Someone set a narrower mask on purpose, so stay inside it.
         let mut untouched = map.online.iter().filter(|core| !map.isolated.contains(core));
         let untouched = !map.online.is_empty() && untouched.all(|core| map.allowed.contains(core));
         let usable = |core: &&usize| map.allowed.contains(core) || (untouched && map.online.contains(core));

@@ -4,8 +4,7 @@ use rt::{Outcome, PageFaults, Policy, Realtime, RealtimeConfig};
 
 /// Far larger than the memory that the allocator keeps.
 const BLOCK_BYTES: usize = 4 << 20;
-/// Less than the memory that is touched in advance. Far more than an allocator returns to the system at once (128
-/// KiB).
+/// Less than the memory that is touched in advance. Far more than an allocator returns to the system at once (128 KiB).
 const HEAP_BYTES: usize = 2 << 20;
 
 #[test]

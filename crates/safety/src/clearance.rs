@@ -7,8 +7,7 @@ use robot::{CAPSULES_MAX, Frames, Model, Pair, Solid};
 /// The least distance over the checked pairs, and over all pairs of a moving capsule and an obstacle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clearance {
-    /// Distance from surface to surface, m. It is negative where capsules overlap, and NaN if a position is
-    /// not finite.
+    /// Distance from surface to surface, m. It is negative where capsules overlap, and NaN if a position is not finite.
     pub distance_m: f64,
     /// Indices of the two capsules in the robot file. For an obstacle, the second is the number of capsules
     /// plus its index.
@@ -233,8 +232,7 @@ pub(crate) mod tests {
         for n in 0..100_000 {
             let half = point(&mut rng, 0.5).abs() + Vector3::repeat(1e-3);
             let mut start = point(&mut rng, 1.0);
-            // Every fifth segment begins in the plane of a face. Some are points, some are almost parallel to
-            // an edge.
+            // Every fifth segment begins in the plane of a face. Some are points, some are almost parallel to an edge.
             if n % 5 == 0 {
                 start[n % 3] = half[n % 3];
             }
@@ -256,8 +254,7 @@ pub(crate) mod tests {
         assert!(meeting > 1000, "{meeting}");
     }
 
-    /// Boxes and a plane around the robot. Some are nearer to the robot than its own capsules are to each
-    /// other.
+    /// Boxes and a plane around the robot. Some are nearer to the robot than its own capsules are to each other.
     pub(crate) fn solids(rng: &mut rand_pcg::Pcg64) -> Vec<robot::Obstacle> {
         let floor = Solid::HalfSpace { normal: Vector3::z(), offset_m: rng.random_range(-0.3..0.3) };
         let turned = nalgebra::Rotation3::from_scaled_axis(point(rng, 2.0)).into_inner();

@@ -50,8 +50,7 @@ pub const SPEED_SCALE_FIRST: f64 = 0.05;
 const FIRST_NS: u64 = 1_000_000_000;
 /// Duration of the ramp to full speed that follows, ns.
 pub const RAMP_NS: u64 = 2_000_000_000;
-/// Time for which a blocked motion must have settled at full speed scale before the target counts as reached,
-/// ns.
+/// Time for which a blocked motion must have settled at full speed scale before the target counts as reached, ns.
 const SETTLED_NS: u64 = 500_000_000;
 /// Time for which an accepted reset waits for the driver to clear its own latch, ns. The echo of a command
 /// takes two ticks. The 100 ms leave room for a loaded machine.

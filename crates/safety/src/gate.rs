@@ -43,8 +43,7 @@ use stop::Stop;
 use stored::{Phases, Stored, quantised_phases, write_phases};
 use way::{Asked, Ways};
 
-/// Slack for the distance routine, m. It errs by less than 1e-12 m at the size of a robot (`clearance`
-/// tests).
+/// Slack for the distance routine, m. It errs by less than 1e-12 m at the size of a robot (`clearance` tests).
 const CLEARANCE_SLACK_M: f64 = 1e-9;
 
 /// Slack for the rounding of a clearance that a recovery does not change, m. Positions are rounded to 1e-12
@@ -200,8 +199,7 @@ pub struct Decision {
     pub verdict: Verdict,
     /// The motion and its stop.
     pub motion: JointMotion,
-    /// Least clearance of the command by the gate's own measure, m. NaN if a plan is played and the gate
-    /// measured none.
+    /// Least clearance of the command by the gate's own measure, m. NaN if a plan is played and the gate measured none.
     pub clearance_m: f64,
 }
 
@@ -212,8 +210,7 @@ impl Decision {
     }
 }
 
-/// Judges the command of tick `k`. It is deterministic, and it never allocates, blocks, logs, reads a clock
-/// or panics.
+/// Judges the command of tick `k`. It is deterministic, and it never allocates, blocks, logs, reads a clock or panics.
 ///
 /// ```
 /// # let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
@@ -285,8 +282,7 @@ fn judge(
         return Err(Denial::Joint { joint, check: Check::Absent });
     }
     if all_on_plan {
-        // A denial would send the same command. So there is nothing to judge, and the gate's own values are
-        // sent.
+        // A denial would send the same command. So there is nothing to judge, and the gate's own values are sent.
         return Ok(Passed { verdict: Verdict::OnPlan, stored: *on_plan, clearance_m: f64::NAN });
     }
     let speed_scale = match proposed.permit {

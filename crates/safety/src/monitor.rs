@@ -20,8 +20,7 @@ pub const OUTSIDE_MARGIN: f64 = 0.005;
 /// Rounding of a commanded position, rad or m. The simulated robot's checker uses the same value.
 const COMMAND_ROUNDING: f64 = 1e-9;
 
-/// Clearance beyond d_min at which a recovery ends, m. It leaves room to begin the next motion in any
-/// direction.
+/// Clearance beyond d_min at which a recovery ends, m. It leaves room to begin the next motion in any direction.
 pub const START_MARGIN_M: f64 = 3e-3;
 
 /// Hysteresis: the clearance must rise by this above the threshold before the monitor clears its flag, m. It
@@ -39,13 +38,11 @@ pub fn measured_clearance(model: &Model, frames: &mut Frames, q_measured: &[f64;
 pub struct Outside {
     /// Its index.
     pub joint: usize,
-    /// Distance beyond the limit, rad or m. It is negative below the lowest position, and NaN if the position
-    /// is NaN.
+    /// Distance beyond the limit, rad or m. It is negative below the lowest position, and NaN if the position is NaN.
     pub by: f64,
 }
 
-/// Returns the joint that is measured farthest outside its limits, if the distance is more than noise. NaN is
-/// outside.
+/// Returns the joint that is measured farthest outside its limits, if the distance is more than noise. NaN is outside.
 pub fn outside_limits(model: &Model, q_measured: &[f64; JOINTS_MAX]) -> Option<Outside> {
     farthest(model, q_measured, OUTSIDE_MARGIN)
 }
@@ -86,9 +83,8 @@ pub struct Farthest {
     pub joint: usize,
 }
 
-/// Largest |command - measured| of the revolute (rad) and of the prismatic joints (m). A sound servo lags
-/// behind the command by v times its known lag (s), and that is no error. A lag of zero gives the plain
-/// difference. NaN stays NaN.
+/// Largest |command - measured| of the revolute (rad) and of the prismatic joints (m). A sound servo lags behind the
+/// command by v times its known lag (s), and that is no error. A lag of zero gives the plain difference. NaN stays NaN.
 pub fn tracking_error(
     model: &Model,
     q_command: &[f64; JOINTS_MAX],
@@ -111,8 +107,7 @@ pub fn tracking_error(
     (angle_rad, length_m)
 }
 
-/// Decides with hysteresis whether the measured posture is near a collision. The fault table sets the
-/// debounce.
+/// Decides with hysteresis whether the measured posture is near a collision. The fault table sets the debounce.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Near {
     near: bool,

@@ -123,8 +123,7 @@ fn f055_swinging_tracking_error_stops() {
                 let mut bench = Bench::engaged();
                 let swung = |n: u64| (amplitude * (std::f64::consts::TAU * hz * n as f64 / 1500.0).sin()).abs();
                 let taken = (0..15_000).find(|&n| {
-                    // The driver sleeps for 10 ticks now and then. The last sample stays, and is not judged
-                    // again.
+                    // The driver sleeps for 10 ticks now and then. The last sample stays, and is not judged again.
                     bench.input.robot.sample_ns = if n % every == 0 { every * 666_667 } else { 0 };
                     bench.input.robot.tracking_error_rad = swung(n - n % every);
                     bench.step().mode == Mode::Faulted
@@ -333,8 +332,7 @@ fn fault_is_counted_once_each_time_it_begins() {
 
 #[test]
 fn recovery_runs_only_while_held_and_engages_nothing() {
-    // A recovery begins from its reasons alone, whatever data of the person is missing, because it follows no
-    // target.
+    // A recovery begins from its reasons alone, whatever data of the person is missing, because it follows no target.
     let mut bench = Bench::outside();
     bench.alive.target = false;
     bench.input.target.input_fresh = false;
@@ -358,8 +356,7 @@ fn recovery_runs_only_while_held_and_engages_nothing() {
     bench.input.operator.recover_level = false;
     bench.press_recovery();
     assert_eq!(bench.step().mode, Mode::Recovering);
-    // The robot is back. Recovery ends by itself and reports it. Neither the held recovery nor an old enable
-    // engages.
+    // The robot is back. Recovery ends by itself and reports it. Neither the held recovery nor an old enable engages.
     bench.input.robot.outside_limits = false;
     bench.input.robot.clear_to_start = true;
     bench.alive.target = true;

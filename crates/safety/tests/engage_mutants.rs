@@ -1,5 +1,4 @@
-//! Tests the state machine's figures at their edges. They would reveal one wrong sign or one wrong
-//! comparison.
+//! Tests the state machine's figures at their edges. They would reveal one wrong sign or one wrong comparison.
 
 use crate::support::{Alive, Bench, settings, ticks};
 use messages::{FAULTS, Fault, Mode, Stamp, deadline, reduced_flag};
@@ -40,8 +39,7 @@ fn always_as_old(bench: &mut Bench, n: usize, age_ns: u64, count: u64) -> Output
     out.expect("at least a step")
 }
 
-/// Ages are exact. A message that arrives exactly as old as allowed is not stale, and one nanosecond more is
-/// stale.
+/// Ages are exact. A message that arrives exactly as old as allowed is not stale, and one nanosecond more is stale.
 #[test]
 fn stream_age_limits_are_exact_to_the_nanosecond() {
     let ns = |ms: f64| (ms * 1e6) as u64;
@@ -141,8 +139,7 @@ fn f034_jumped_target_slows_after_exactly_its_time() {
     }
 }
 
-/// Jumps are tolerated for exactly the configured time from the first one on, also just after the process has
-/// started.
+/// Jumps are tolerated for exactly the configured time from the first one on, also just after the process has started.
 #[test]
 fn f034_jumps_are_tolerated_exactly_for_their_time() {
     let debounce = u64::from(FAULTS[Fault::InputImplausible.index()].debounce_ticks);

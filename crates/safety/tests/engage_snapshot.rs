@@ -174,8 +174,7 @@ const EVENTS: [Event; 32] = [
     }),
 ];
 
-/// Brings the bench to the tick before this fault acts. Debouncing and silence pass while nothing comes to
-/// rest.
+/// Brings the bench to the tick before this fault acts. Debouncing and silence pass while nothing comes to rest.
 fn raise(bench: &mut Bench, fault: Fault) {
     let at_rest = bench.input.motion.at_rest;
     if matches!(bench.state.mode(), Mode::Holding | Mode::Recovering) {
@@ -223,8 +222,7 @@ fn raise(bench: &mut Bench, fault: Fault) {
         Fault::HoldTimeout => 5000,
         _ => 0,
     };
-    // Silence acts once the age exceeds its bound. At 667 us a tick this is the first tick that is not below
-    // it.
+    // Silence acts once the age exceeds its bound. At 667 us a tick this is the first tick that is not below it.
     let passing = (silence_ms * 1500_u64).div_ceil(1000).saturating_sub(1) + u64::from(fault.row().debounce_ticks - 1);
     for _ in 0..passing {
         bench.step();

@@ -151,8 +151,7 @@ fn every_single_joint_off_its_plan_denies_all() {
     }
 }
 
-/// A seed that does not come to rest is refused as a whole, for any joint. The place of rest need not
-/// be home.
+/// A seed that does not come to rest is refused as a whole, for any joint. The place of rest need not be home.
 #[test]
 fn seed_with_one_invalid_joint_is_refused_as_a_whole() {
     let model = model();
@@ -178,8 +177,7 @@ fn seed_with_one_invalid_joint_is_refused_as_a_whole() {
     assert_eq!(verdict, Verdict::Deny(Denial::Seed), "nothing passes before a position that is one");
 }
 
-/// The recovery step that moves only joint `j`, from rest at `q` with `jerk`, and the place where its stop
-/// rests.
+/// The recovery step that moves only joint `j`, from rest at `q` with `jerk`, and the place where its stop rests.
 fn recovery(model: &robot::Model, q: [f64; JOINTS_MAX], j: usize, jerk: f64) -> (Proposed, [f64; JOINTS_MAX]) {
     let (mut next, mut rest) = (Proposed { permit: Permit::Recover, ..resting(1, q) }, q);
     let to = Joint { q: q[j], v: 0.0, a: 0.0 }.after(jerk, T);

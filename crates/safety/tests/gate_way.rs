@@ -81,8 +81,7 @@ fn stop_through_obstacle_is_denied_with_clear_ends() {
     }
 }
 
-/// If a pair has exactly the distance that an interface may take, the gate accepts the motion only for
-/// `direct`.
+/// If a pair has exactly the distance that an interface may take, the gate accepts the motion only for `direct`.
 #[test]
 fn interface_with_deviation_denies_more_than_direct() {
     let model = model();

@@ -15,8 +15,7 @@ const NOISE: f64 = 4.8e-5;
 const NOISE_V: f64 = NOISE * TAU * 15.0;
 /// Reference speed for the speed errors of a revolute joint that may turn faster, rad/s.
 const JUDGED: f64 = 0.82;
-/// Largest mean difference of measured and sent speed, as a share of the joint's limit or of the reference
-/// speed.
+/// Largest mean difference of measured and sent speed, as a share of the joint's limit or of the reference speed.
 const SHARE: f64 = 0.25;
 
 /// A robot that is commanded, with its encoders and drives.
@@ -63,8 +62,7 @@ impl Bench {
         self.monitor.judge(&MODEL, &sample, 0.0)
     }
 
-    /// Swings joint `j` by `amplitude` about its setpoint. Returns the time until this is a velocity error,
-    /// s.
+    /// Swings joint `j` by `amplitude` about its setpoint. Returns the time until this is a velocity error, s.
     fn swings(&mut self, j: usize, amplitude: f64, hz: f64, ticks: u64, within_s: f64) -> Option<f64> {
         let from = self.k;
         while (self.k - from) as f64 * TICK_S <= within_s {
@@ -181,8 +179,7 @@ fn single_wrong_position_is_no_velocity_error_after_any_gap() {
     }
 }
 
-/// Full speed to and fro. The servo lags by 10 ms more than is known, overshoots by 5 % and errs by 3 mrad of
-/// friction.
+/// Full speed to and fro. The servo lags by 10 ms more than is known, overshoots by 5 % and errs by 3 mrad of friction.
 #[test]
 fn servo_with_lag_and_friction_is_no_velocity_error() {
     let mut bench = Bench::standing(200);

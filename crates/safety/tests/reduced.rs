@@ -80,8 +80,7 @@ proptest! {
         }
     }
 
-    /// For every sequence of inputs the scale stays within [0, 1], falls as required, and rises at its fixed
-    /// rate.
+    /// For every sequence of inputs the scale stays within [0, 1], falls as required, and rises at its fixed rate.
     #[test]
     fn f020_f034_f035_f078_speed_scale_rises_at_its_rate_at_most(
         weather in proptest::collection::vec((any::<bool>(), any::<bool>(), any::<bool>(), any::<bool>(), 0_u32..5, 1_u64..90), 40),

@@ -1,14 +1,12 @@
-//! Offset between the client's clock and ours. By contract stamps are of one machine's clock. A client that
-//! forwards a camera's stamps has a drifting clock. The offset follows it as long as it drifts no faster than
-//! quartz.
+//! Offset between the client's clock and ours. By contract stamps are of one machine's clock. A client that forwards a
+//! camera's stamps has a drifting clock. The offset follows it as long as it drifts no faster than quartz.
 
 use crate::config::{Config, DropReason};
 use messages::Stamp;
 
 /// Fastest drift that is followed, parts per million: twice the 500 of the worst quartz.
 const DRIFT_MAX_PPM: i64 = 1000;
-/// Share of the allowed age by which a frame may be late before the lateness counts as drift. The rest is for
-/// jitter.
+/// Share of the allowed age by which a frame may be late before the lateness counts as drift. The rest is for jitter.
 const LATE_SHARE: (i64, i64) = (3, 4);
 /// Longest time without a frame that counts as time of drift, ns.
 const UNSEEN_MAX_NS: u64 = 10_000_000_000;

@@ -4,8 +4,7 @@
 /// for a noisy tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
-    /// Largest age of a frame's origin on arrival (ns). An older frame is dropped. It is one stale-after of
-    /// `skeleton`.
+    /// Largest age of a frame's origin on arrival (ns). An older frame is dropped. It is one stale-after of `skeleton`.
     pub age_max_ns: u64,
     /// Largest time by which a frame's origin may lie in the future (ns), else the frame is dropped. Two clocks of
     /// one machine agree, so this covers scheduling.
@@ -30,9 +29,8 @@ pub struct Config {
     /// Largest change of a limb's length from frame to frame (fraction).
     pub length_step_max: f64,
     /// Largest speed of shoulders, elbows and wrists relative to the middle of the hips (m/s), at any frame rate.
-    /// Boxers' fists reach 9.1 with a deviation of 2.1 (Walilko et al., Br J Sports Med 39, 2005, 710). The
-    /// fastest recorded dancers reach 4.7, 8.9 and 9.5. The bounds are half, an eighth and a quarter above these
-    /// (assumption).
+    /// Boxers' fists reach 9.1 with a deviation of 2.1 (Walilko et al., Br J Sports Med 39, 2005, 710). The fastest
+    /// recorded dancers reach 4.7, 8.9 and 9.5. The bounds are half, an eighth and a quarter above these (assumption).
     pub speed_max_m_per_s: [f64; 3],
     /// Time of coherent frames after a teleport before the part that jumped is used again (ns): five frames at 60 Hz, with
     /// a little for jitter.

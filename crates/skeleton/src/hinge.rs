@@ -122,8 +122,7 @@ impl Calibrator {
         })
     }
 
-    /// Returns the estimate of everything added so far. A hinge that the frames do not determine is not flagged
-    /// valid.
+    /// Returns the estimate of everything added so far. A hinge that the frames do not determine is not flagged valid.
     pub fn estimate(&self) -> HingeCalibration {
         let mut out = HingeCalibration::ZERO;
         let limbs = [[Limb::LeftUpper, Limb::LeftFore], [Limb::RightUpper, Limb::RightFore]];

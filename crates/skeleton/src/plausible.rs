@@ -18,8 +18,7 @@ const WEIGHT_MIN: f64 = 2.0;
 /// Evidence of the body about left and right, in one frame or as a mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Chirality {
-    /// Cosine of the angle between the lines of shoulders and hips (right to left). Negative if one pair is
-    /// swapped.
+    /// Cosine of the angle between the lines of shoulders and hips (right to left). Negative if one pair is swapped.
     pub sides: f64,
     /// Sum over both legs of how far the foot points ahead of its shin, and the flexed knee bends to the back. Positive for a
     /// person, negative for a mirror image.

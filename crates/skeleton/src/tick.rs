@@ -105,8 +105,7 @@ impl State {
         Self { session: None, newest: Stamp::NONE, clock, trust, dropped: [0; DROP_REASONS], accepted: 0 }
     }
 
-    /// Number of frames dropped so far for this reason. An accepted frame counts once for each arm that was not
-    /// used.
+    /// Number of frames dropped so far for this reason. An accepted frame counts once for each arm that was not used.
     pub const fn dropped(&self, reason: DropReason) -> u64 {
         self.dropped[reason as usize]
     }

@@ -100,8 +100,7 @@ fn rotations_that_freeze_lose_their_calibration_without_jump() {
         assert_eq!(state.calibration(), CalibrationSource::None, "frame {i}");
         assert_eq!(person.flags & (skeleton_flag::HAND[0] | skeleton_flag::HAND[1] | skeleton_flag::HEAD), 0);
     }
-    // A tracker whose rotations froze after they were right: the learnt hinges lose their weight, and nothing
-    // jumps.
+    // A tracker whose rotations froze after they were right: the learnt hinges lose their weight, and nothing jumps.
     let mut state = State::new();
     let frozen = elsewhere(&moving(10 * RATE)).1;
     for i in 0..60 * RATE {

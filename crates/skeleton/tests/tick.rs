@@ -96,8 +96,7 @@ fn session_must_begin_upright_and_may_bend_later() {
     }
 }
 
-/// A hand raised from the hip to above the head and lowered again within `s` seconds, at `rate_hz` frames a
-/// second.
+/// A hand raised from the hip to above the head and lowered again within `s` seconds, at `rate_hz` frames a second.
 fn raise(s: f64, rate_hz: f64) -> impl Iterator<Item = RawSkeleton> {
     (0..(3.0 * rate_hz) as u64).map(move |i| {
         let t = i as f64 / rate_hz;

@@ -1,5 +1,4 @@
-//! The message that the server sends to a page 60 times a second: one binary frame of little-endian 32-bit
-//! floats.
+//! The message that the server sends to a page 60 times a second: one binary frame of little-endian 32-bit floats.
 
 use messages::{
     GripperState, JOINTS_MAX, JointCommand, JointTarget, RobotState, SMPL_JOINTS, Skeleton, Status, deadline,

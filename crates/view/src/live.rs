@@ -5,8 +5,7 @@ use crate::frame::LatestMessages;
 use bus::{BusError, Domain, DomainConfig, Reader};
 use messages::{Header, JointCommand, JointTarget, RobotState, Service, Skeleton, Stamp, Status};
 
-/// Silence after which a writer is shown as gone, ns. This is five periods of the slowest writers, clients at 20
-/// Hz.
+/// Silence after which a writer is shown as gone, ns. This is five periods of the slowest writers, clients at 20 Hz.
 pub const GONE_AFTER_NS: u64 = 250_000_000;
 
 /// Readers of every service of the core domain.

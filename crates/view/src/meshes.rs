@@ -1,5 +1,4 @@
-//! The folder of the user's own meshes. Finds the file for a robot's link, and limits the files that a page may
-//! read.
+//! The folder of the user's own meshes. Finds the file for a robot's link, and limits the files that a page may read.
 
 use crate::look::LookError;
 use std::fs::File;

@@ -9,8 +9,7 @@ use std::time::{Duration, Instant};
 
 /// Time between two heartbeats: 50 Hz.
 const HEARTBEAT: Duration = Duration::from_millis(20);
-/// Timeout of a held enable. The page repeats it ten times a second. After five missed periods the enable is
-/// released.
+/// Timeout of a held enable. The page repeats it ten times a second. After five missed periods the enable is released.
 pub const HOLD_FOR: Duration = Duration::from_millis(500);
 /// Time after which an enable without effect counts as refused. It is many times a poll of the socket and a tick.
 const REFUSED_AFTER: Duration = Duration::from_secs(1);

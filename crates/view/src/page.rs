@@ -25,12 +25,10 @@ use tungstenite::{Bytes, Error, Message, WebSocket};
 const POLL: Duration = Duration::from_millis(2);
 /// Largest request, bytes.
 const REQUEST_BYTES: usize = 1 << 10;
-/// Largest backlog of a page that does not read, bytes: some seconds of frames. Beyond it the page counts as
-/// gone.
+/// Largest backlog of a page that does not read, bytes: some seconds of frames. Beyond it the page counts as gone.
 const WAITING_BYTES: usize = 1 << 20;
-/// Largest number of requests of a page per second. A client that sends more is not our page. Browsers report a
-/// pointer or a slider once per picture, and the fastest screens show 240 a second. Assumption: a little more
-/// than twice that.
+/// Largest number of requests of a page per second. A client that sends more is not our page. Browsers report a pointer
+/// or a slider once per picture, and the fastest screens show 240 a second. Assumption: a little more than twice that.
 const REQUESTS_PER_S_MAX: u32 = 500;
 /// Longest silence of a page. A page sends something every two seconds. After this time it counts as gone.
 const SILENT_MAX: Duration = Duration::from_secs(10);

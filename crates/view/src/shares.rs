@@ -12,9 +12,8 @@ impl Shares {
     /// The first key pose only.
     pub const FIRST: Self = Self([1.0, 0.0, 0.0]);
 
-    /// Returns the point of the triangle nearest to `asked`. `None` if a number is not finite. The projection
-    /// onto the simplex is w_i = max(x_i - theta, 0), with the one theta that makes their sum 1 (Held, Wolfe and
-    /// Crowder 1974).
+    /// Returns the point of the triangle nearest to `asked`. `None` if a number is not finite. The projection onto the
+    /// simplex is w_i = max(x_i - theta, 0), with the one theta that makes their sum 1 (Held, Wolfe and Crowder 1974).
     pub fn nearest(asked: [f64; 3]) -> Option<Self> {
         if !asked.iter().all(|x| x.is_finite()) {
             return None;

@@ -140,8 +140,7 @@ fn unknown_request_to_recording_closes_page() {
     ] {
         let mut socket = page(&server);
         ask(&mut socket, bad.clone());
-        // The page sends `here`, so its silence does not end it. It receives none of the 60 frames a second any
-        // more.
+        // The page sends `here`, so its silence does not end it. It receives none of the 60 frames a second any more.
         let mut goes_on = |_| socket.send(Message::text(r#"{"do":"here"}"#)).is_ok() && socket.read().is_ok();
         assert!(!(0..200).all(&mut goes_on), "{bad} is taken");
     }

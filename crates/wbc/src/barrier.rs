@@ -1,5 +1,4 @@
-//! The barrier changes the wanted jerks as little as possible, so that no near pair comes too close in the
-//! stop.
+//! The barrier changes the wanted jerks as little as possible, so that no near pair comes too close in the stop.
 //!
 //! Every jerk of a tick leads to a position p where the joint would then come to rest, and p grows with the
 //! jerk. The program in these *stop positions* is
@@ -19,11 +18,10 @@
 //! always feasible. The rows limit where the robot *stops*. So a joint that moves along an obstacle keeps its
 //! speed. A joint that moves towards it brakes while there is still room.
 //!
-//! The unknowns are scaled to jerks: z = (p - p_k) k / J, with k the secant slope dj/dp over [j_lo, j_hi]. M
-//! is the cost of a deviation in joint velocities, with a weight per joint over its largest speed. If the
-//! robot file asks for it, M also contains the cost in angular velocities of the limbs. Then a blocked arm
-//! first gives up the joints that turn no limb (wrist, lift). It keeps the directions of its limbs as well as
-//! it can.
+//! The unknowns are scaled to jerks: z = (p - p_k) k / J, with k the secant slope dj/dp over [j_lo, j_hi]. M is the
+//! cost of a deviation in joint velocities, with a weight per joint over its largest speed. If the robot file asks for
+//! it, M also contains the cost in angular velocities of the limbs. Then a blocked arm first gives up the joints that
+//! turn no limb (wrist, lift). It keeps the directions of its limbs as well as it can.
 //!
 //! Nothing here is trusted. The result is a proposal, and the certificate decides.
 
@@ -59,8 +57,7 @@ const INVERSION_STEPS: u32 = 12;
 /// Accuracy of this search, as a share of the bracket. It is below the error of the rows' linearisation.
 const INVERSION_SHARE: f64 = 1e-3;
 
-/// A z that differs from the wanted one by less than this is unchanged. The difference is rounding of the
-/// solver.
+/// A z that differs from the wanted one by less than this is unchanged. The difference is rounding of the solver.
 const UNCHANGED: f64 = 1e-10;
 
 /// Result of the program.
@@ -356,8 +353,7 @@ impl Span {
         self.z_at(range, range.jerk) + (range.wanted - range.jerk) / range.bounds.j_max
     }
 
-    /// The jerk whose stop is at `z`, found by a bracketed secant. Returns the given jerk if it already stops
-    /// there.
+    /// The jerk whose stop is at `z`, found by a bracketed secant. Returns the given jerk if it already stops there.
     fn jerk_at(&self, range: &JerkRange, z: f64) -> f64 {
         if self.scale == 0.0 || (z - self.z_at(range, range.jerk)).abs() < UNCHANGED {
             return range.jerk;

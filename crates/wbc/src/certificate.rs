@@ -9,10 +9,9 @@
 //! max are at their ends.
 //!
 //! *Obstacles.* Planes and boxes are fixed to the base (body 0). Each is paired with every capsule that any
-//! joint moves, so the common body is the base. For a box with centre c, rotation R and half lengths h, max
-//! over B of n.x = n.c + sum_i |(R^T n)_i| h_i. A half-space n.x <= o has a separation only along its own
-//! normal. It is min over A of n.x - o - r_A, which is the distance itself. An obstacle does not move: B_B =
-//! 0 and L_B = 0 below.
+//! joint moves, so the common body is the base. For a box with centre c, rotation R and half lengths h, max over B of
+//! n.x = n.c + sum_i |(R^T n)_i| h_i. A half-space n.x <= o has a separation only along its own normal. It is min over
+//! A of n.x - o - r_A, which is the distance itself. An obstacle does not move: B_B = 0 and L_B = 0 below.
 //!
 //! *Chord.* Let x(t) be a point with |x''| <= B on [t0, t1], and dt = t1 - t0. It leaves its chord at t0 + s
 //! by at most B s (dt - s) / 2. For x on A's axis and y on B's, n.(x - y) is at least sep_n(t0) + r_A + r_B
@@ -41,11 +40,10 @@
 //! B   = sum_k R_k a_k + sum_k R_k v_k (w_k + 2 sum_{i<k} w_i)
 //! ```
 //!
-//! So a prismatic joint after revolute ones adds 2 v_p times the sum of their speeds, and one before them
-//! adds only a_p. Over the part of the chain that begins at joint s this is a recursion from the tip: W_s =
-//! W_{s+1} + R_s v_s, and B_s = B_{s+1} + R_s a_s + w_s (R_s v_s + 2 W_{s+1}). It holds for both ends of an
-//! axis. Points between them are convex combinations, so R_k is the larger of the two ends'. Each side takes
-//! the s that follows the common body.
+//! So a prismatic joint after revolute ones adds 2 v_p times the sum of their speeds, and one before them adds only
+//! a_p. Over the part of the chain that begins at joint s this is a recursion from the tip: W_s = W_{s+1} + R_s v_s,
+//! and B_s = B_{s+1} + R_s a_s + w_s (R_s v_s + 2 W_{s+1}). It holds for both ends of an axis. Points between them are
+//! convex combinations, so R_k is the larger of the two ends'. Each side takes the s that follows the common body.
 //!
 //! *v_k, a_k.* Over a segment |q''| is largest at its ends or where the jerk changes, because it is linear in
 //! between. |q'| exceeds the larger of its ends' by at most a_k dt / 2 (the nearer end) and by J dt^2 / 8
@@ -53,13 +51,12 @@
 //! [`JointTrajectory::swing`](crate::trajectory::JointTrajectory::swing).
 //!
 //! *Path.* Over a segment in which joint k travels the path L_k, the distance falls by at most sum_k R_k L_k
-//! (of both sides). A pair with more to spare needs no further proof. L_k is v_k dt on a segment. For the
-//! whole motion it is the sum of |q1 - q0| over pieces in which the velocity keeps its sign, where this is
-//! exact. Pieces are split where the acceleration vanishes. A piece in which the velocity changes its sign
-//! counts max |v| dt, which is more than its path. (The difference of the positions at the ends of a tick
-//! alone could be less than the path, by up to J h^3 / 8, if a reversal lies inside. No such difference is
-//! used.) Culling starts from the anchor's separation. It is either one along an n or the distance of
-//! bounding spheres, so it is never more than the distance.
+//! (of both sides). A pair with more to spare needs no further proof. L_k is v_k dt on a segment. For the whole motion
+//! it is the sum of |q1 - q0| over pieces in which the velocity keeps its sign, where this is exact. Pieces are split
+//! where the acceleration vanishes. A piece in which the velocity changes its sign counts max |v| dt, which is more
+//! than its path. (The difference of the positions at the ends of a tick alone could be less than the path, by up to J
+//! h^3 / 8, if a reversal lies inside. No such difference is used.) Culling starts from the anchor's separation. It is
+//! either one along an n or the distance of bounding spheres, so it is never more than the distance.
 //!
 //! *Interface.* A robot that executes the command with skewed delays and through splines may come closer than
 //! the command. If such an interface is configured, the certificate adds the [`deviation`](crate::interface)
@@ -68,10 +65,9 @@
 //! recovery is slow and starts below d_min, so it leaves the deviation out.
 //!
 //! *Rounding.* Separations are sums of products of numbers below 4 m, and err by less than 1e-14 m. Positions
-//! of the plan are recomputed each tick with errors below 1e-15 rad, 5 million ticks an hour. The proof is
-//! repeated from the present state whenever a joint takes a decision. Commands keep 1 um more than the
-//! model's d_min. This covers all of that and the rounding of the gate, which computes the clearance with
-//! other code.
+//! of the plan are recomputed each tick with errors below 1e-15 rad, 5 million ticks an hour. The proof is repeated
+//! from the present state whenever a joint takes a decision. Commands keep 1 um more than the model's d_min. This
+//! covers all of that and the rounding of the gate, which computes the clearance with other code.
 //!
 //! *Induction.* At rest with clearance the constant plan is certified. A motion is accepted if it is proved
 //! from now to rest. Then its remainder is proved too, tick by tick, because the proof covers every instant.
@@ -96,10 +92,9 @@ const EVALUATIONS_MAX: u32 = 80;
 /// Distance that a pair must have to spare beyond its path to be culled, m. It is far above the rounding of
 /// the kinematics.
 const CULL_MARGIN_M: f64 = 1e-9;
-/// A new decision may bring a pair to rest at d_min plus this, m. If less is left, the pair may not rest
-/// closer than it is. On the way there, half of what is left may be used. A motion that starts at its own
-/// bound could not be proved even if it leads away. Its chord sags by B dt^2 / 8 (0.0003 mm for the shortest
-/// one), and the arm could never leave.
+/// A new decision may bring a pair to rest at d_min plus this, m. If less is left, the pair may not rest closer than it
+/// is. On the way there, half of what is left may be used. A motion that starts at its own bound could not be proved
+/// even if it leads away. Its chord sags by B dt^2 / 8 (0.0003 mm for the shortest one), and the arm could never leave.
 const SLACK_M: f64 = 5e-4;
 /// Rounding of a distance that a motion leaves unchanged, m. At 1500 decisions a second it could add up to 5
 /// um an hour.
@@ -230,9 +225,8 @@ pub(crate) fn certify(
     Verdict { blamed: (!safe).then_some(scratch.blamed), evaluations: scratch.evaluations }
 }
 
-/// Allowed sag of a recovery's chord, m. A motion from rest begins at its own bound, and B dt^2 / 8 of the
-/// shortest segment is 3 um at the accelerations of a recovery. At the ticks themselves nothing may come
-/// closer, see `recover`.
+/// Allowed sag of a recovery's chord, m. A motion from rest begins at its own bound, and B dt^2 / 8 of the shortest
+/// segment is 3 um at the accelerations of a recovery. At the ticks themselves nothing may come closer, see `recover`.
 const RECOVERY_SAG_M: f64 = 2e-5;
 
 /// The floors of a recovery. They are those of any decision, and below d_min the present distance.

@@ -1,5 +1,4 @@
-//! The kinematic tree for the certificate: forward kinematics of any subset of bodies, and bounds on the
-//! reach.
+//! The kinematic tree for the certificate: forward kinematics of any subset of bodies, and bounds on the reach.
 //!
 //! Body 0 is the base. Body 1 + j moves with joint j. A joint's parent always has a smaller index.
 
@@ -71,8 +70,7 @@ pub struct KinematicLink {
     pub stroke: f64,
 }
 
-/// Joint j's rotation is m0 + sin(q) m1 + (1 - cos(q)) m2. This combines the fixed offset and Rodrigues'
-/// formula.
+/// Joint j's rotation is m0 + sin(q) m1 + (1 - cos(q)) m2. This combines the fixed offset and Rodrigues' formula.
 #[derive(Clone, Copy, Debug)]
 struct Turn {
     m0: Matrix3<f64>,

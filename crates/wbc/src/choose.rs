@@ -83,8 +83,7 @@ pub(crate) fn aims(config: &Config, input: &Input<'_>) -> Aims {
     })
 }
 
-/// The wanted jerk of every joint at its share `scales` of its speed. None means that the joint plays its
-/// plan.
+/// The wanted jerk of every joint at its share `scales` of its speed. None means that the joint plays its plan.
 fn ranges(
     config: &Config,
     before: &JointMotion,
@@ -101,8 +100,7 @@ fn ranges(
         let asked = Bounds { v_max: scale * config.bounds[j].v_max, ..config.bounds[j] };
         let fastest = x.v.abs().max(x.coasting_velocity(asked.j_max).abs());
         if fastest > asked.v_max * (1.0 + SCALE_ROUNDING) && x.v * x.a > 0.0 {
-            // The joint is too fast for a scale that fell, and still gains speed. Nothing brakes sooner than
-            // the plan.
+            // The joint is too fast for a scale that fell, and still gains speed. Nothing brakes sooner than the plan.
             return None;
         }
         let aim = aims[j]?;
@@ -210,8 +208,7 @@ impl Chooser<'_> {
         choice
     }
 
-    /// Each joint's share of its speed. It is the scale, or less if the bound on elbows and hands requires
-    /// it.
+    /// Each joint's share of its speed. It is the scale, or less if the bound on elbows and hands requires it.
     fn scales(&self, before: &JointMotion, aims: &Aims, bearing: Option<&Bearing>, scale: f64) -> PerJoint {
         let bounds = &self.config.bounds;
         let scales = bearing.map_or([1.0; JOINTS_MAX], |bearing| bearing.speeds(self.config)).map(|s| s.min(scale));

@@ -15,8 +15,7 @@ pub(crate) struct Anchor {
     pub(crate) q: [f64; JOINTS_MAX],
     pub(crate) placements: Placements,
     axes: Vec<Segment>,
-    /// For each pair a lower bound of its distance, m. For near pairs it is the distance itself, except for
-    /// rounding.
+    /// For each pair a lower bound of its distance, m. For near pairs it is the distance itself, except for rounding.
     pub(crate) separation: Vec<f64>,
     /// Smallest distance of all pairs, m, and the pair.
     pub(crate) clearance_m: f64,

@@ -1,5 +1,4 @@
-//! Configuration of the stage: limits with the planning margin, the collision model, and the switches for
-//! tests.
+//! Configuration of the stage: limits with the planning margin, the collision model, and the switches for tests.
 
 use crate::chain::{BODIES, KinematicChain};
 use crate::dynamics::Mass;
@@ -59,12 +58,10 @@ pub enum WbcError {
     /// Returned if the certificate cannot hold a capsule or a pair.
     #[error("collision model: {what} = {value}, at most {bound}")]
     Collision { what: &'static str, value: usize, bound: usize },
-    /// Returned if a figure of the interface is outside its bound, or if the interface's deviation is too
-    /// large.
+    /// Returned if a figure of the interface is outside its bound, or if the interface's deviation is too large.
     #[error("interface: {key} = {value}, must be 0 to {bound}")]
     Interface { key: &'static str, value: f64, bound: f64 },
-    /// Returned if the bound on the speed of hands is not finite and positive, so that no motion would be
-    /// left.
+    /// Returned if the bound on the speed of hands is not finite and positive, so that no motion would be left.
     #[error("hand speed = {0} m/s, must be finite and above zero")]
     HandSpeed(f64),
     /// Returned if a figure of masses or motors does not allow a proof.

@@ -33,8 +33,7 @@ pub struct Segment {
     pub b: Vector3<f64>,
 }
 
-/// A capsule's side of a pair. The joints `from..` of its body's chain move it relative to the pair's common
-/// body.
+/// A capsule's side of a pair. The joints `from..` of its body's chain move it relative to the pair's common body.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Side {
     /// Index of the capsule. For an obstacle it is the number of capsules plus its index.
@@ -52,11 +51,9 @@ pub(crate) struct CheckedPair {
     pub(crate) obstacle: Option<usize>,
     /// Sum of the capsules' radii, m.
     pub(crate) radii: f64,
-    /// The deepest body that carries both. A motion that moves both in the same way cannot change their
-    /// distance.
+    /// The deepest body that carries both. A motion that moves both in the same way cannot change their distance.
     pub(crate) common: usize,
-    /// True if a revolute joint lies between the base and `common`, so that a direction fixed in `common`
-    /// turns.
+    /// True if a revolute joint lies between the base and `common`, so that a direction fixed in `common` turns.
     pub(crate) turns: bool,
     /// The joints that change the distance.
     pub(crate) between: JointSet,
@@ -64,8 +61,7 @@ pub(crate) struct CheckedPair {
     pub(crate) needed: JointSet,
 }
 
-/// One capsule with the reach of each joint of its chain. An obstacle has a point on the base, which no joint
-/// reaches.
+/// One capsule with the reach of each joint of its chain. An obstacle has a point on the base, which no joint reaches.
 #[derive(Clone, Debug)]
 pub(crate) struct Shape {
     pub(crate) capsule: BodyCapsule,
@@ -261,9 +257,8 @@ fn checked_pair(chain: &KinematicChain, shapes: &[Shape], a: usize, b: usize) ->
     }
 }
 
-/// The points of two segments that are closest to each other. The work is bounded, and nothing is allocated.
-/// Near parallel axes the points may be off the optimum. So callers use the direction between them and never
-/// their distance.
+/// The points of two segments that are closest to each other. The work is bounded, and nothing is allocated. Near
+/// parallel axes the points may be off the optimum. So callers use the direction between them and never their distance.
 #[inline]
 pub(crate) fn closest_points(p: &Segment, q: &Segment) -> (Vector3<f64>, Vector3<f64>) {
     let (d1, d2, r) = (p.b - p.a, q.b - q.a, p.a - q.a);

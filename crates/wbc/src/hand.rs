@@ -25,10 +25,9 @@ use crate::trajectory::{Swing, Trajectory};
 use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 
-/// Planning stays below the bound by this, m/s. The wanted velocities are reached some 11 ms later (the
-/// velocity gain of `track`). In this time 10 rad/s^2 at 0.9 m add this much. Of a small bound, planning
-/// keeps at least the share below. With it one tick in a thousand falls back at 0.25 m/s (one in thirty at
-/// 0.9).
+/// Planning stays below the bound by this, m/s. The wanted velocities are reached some 11 ms later (the velocity gain
+/// of `track`). In this time 10 rad/s^2 at 0.9 m add this much. Of a small bound, planning keeps at least the share
+/// below. With it one tick in a thousand falls back at 0.25 m/s (one in thirty at 0.9).
 const MARGIN_M_PER_S: f64 = 0.1;
 const SHARE_MIN: f64 = 0.75;
 /// Longest and shortest segment, s, and the largest number of evaluations of the kinematics. The longest stop

@@ -98,8 +98,7 @@ impl Bounds {
     #[inline]
     fn admits_above(&self, x: JointState, j: f64) -> bool {
         let next = x.after(j, TICK_S);
-        // At the acceleration limit (A - a) / h * h may round up by an ulp. The plan's margin of 0.5 % covers
-        // it.
+        // At the acceleration limit (A - a) / h * h may round up by an ulp. The plan's margin of 0.5 % covers it.
         if next.a > self.a_max * (1.0 + 1e-12) || next.coasting_velocity(self.j_max) > self.v_max {
             return false;
         }

@@ -15,8 +15,7 @@ use robot::{Frames, Inertia, Model};
 const KINEMATICS_TOLERANCE: f64 = 1e-12;
 
 impl Config {
-    /// Creates the configuration for a robot. Its kinematics are checked against the model's at three
-    /// postures.
+    /// Creates the configuration for a robot. Its kinematics are checked against the model's at three postures.
     pub fn new(model: &Model, options: Options) -> Result<Self, WbcError> {
         let parts = Parts::from_model(model)?;
         check_kinematics(model, &parts.chain)?;

@@ -28,9 +28,8 @@ pub const UNKNOWNS: usize = JOINTS_MAX;
 pub const ROWS_MAX: usize = 24;
 /// Number of lower bounds, upper bounds and rows, in this order.
 const CONSTRAINTS: usize = 2 * UNKNOWNS + ROWS_MAX;
-/// Steps after which the solver gives up. Each constraint enters or leaves in one step, so all of them could
-/// do so more than once. Random problems of full size need 40 at most (`tests/qp.rs` asserts it stays below
-/// the limit).
+/// Steps after which the solver gives up. Each constraint enters or leaves in one step, so all of them could do so more
+/// than once. Random problems of full size need 40 at most (`tests/qp.rs` asserts it stays below the limit).
 pub const STEPS_MAX: u32 = 160;
 /// Violation that counts as rounding, relative to the largest bound or reference times the normal, from which
 /// z is computed. It is far above 1e-16 times the condition of a program of limbs (1e3). So equivalent
@@ -125,8 +124,7 @@ impl ActiveSet {
     }
 }
 
-/// Solves `problem`. `warm` holds the constraints that were active before, and is set to those that are
-/// active now.
+/// Solves `problem`. `warm` holds the constraints that were active before, and is set to those that are active now.
 pub fn solve(problem: &Problem, warm: &mut ActiveSet) -> Solution {
     let mut work = Work::new(problem);
     let unsolved = |work: &Work<'_>, status| Solution { status, z: work.z, steps: work.steps };

@@ -69,8 +69,7 @@ const LIMIT_RATE_PER_S: f64 = 5.0;
 const ROUNDING_M: f64 = 1e-12;
 /// Shares of the velocities that are tried.
 const SHARES: [f64; 3] = [1.0, 0.4, 0.1];
-/// Shares of the opening that are tried, if the whole opening is infeasible. At the last one nothing comes
-/// closer.
+/// Shares of the opening that are tried, if the whole opening is infeasible. At the last one nothing comes closer.
 const OPENINGS: [f64; 3] = [1.0, 0.2, 0.0];
 
 /// Working memory.
@@ -79,8 +78,7 @@ pub(crate) struct Recovery {
     problem: Problem,
     /// The pair of each row, and its distance beyond the goal, m.
     rows: Nearest<usize>,
-    /// Every pair nearer than the goal, with its distance at the previous tick. The first `near_count` are
-    /// valid.
+    /// Every pair nearer than the goal, with its distance at the previous tick. The first `near_count` are valid.
     near: Vec<(usize, f64)>,
     near_count: usize,
     probe: Anchor,
@@ -107,8 +105,7 @@ impl Recovery {
         }
     }
 
-    /// Returns the next step of the way back. Returns the plan if there is nothing to do, or if no step can
-    /// be proved.
+    /// Returns the next step of the way back. Returns the plan if there is nothing to do, or if no step can be proved.
     pub(crate) fn choose(
         &mut self,
         config: &Config,
@@ -302,8 +299,7 @@ impl Attempt {
             let w = BANDWIDTH_PER_S;
             let jerk = (w * w * (wanted[j] - x.v) - 2.0 * w * x.a).clamp(-bounds.j_max, bounds.j_max);
             let after = x.after(jerk, TICK_S);
-            // The stop's jerk is of the first degree in (v, a), so that proportional motions stop in
-            // proportion.
+            // The stop's jerk is of the first degree in (v, a), so that proportional motions stop in proportion.
             let j_stop = 4.0 * after.v.abs() / (STOP_S * STOP_S) + 4.0 * after.a.abs() / STOP_S;
             let j_stop = j_stop.clamp(STOP_JERK_SHARE * bounds.j_max, bounds.j_max);
             let stop = JointStop::new(after.v, after.a, bounds.a_max, j_stop);

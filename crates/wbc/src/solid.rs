@@ -1,5 +1,4 @@
-//! Computes closest points of a capsule's axis and a solid around the robot, and their separation along a
-//! direction.
+//! Computes closest points of a capsule's axis and a solid around the robot, and their separation along a direction.
 
 use crate::geometry::Segment;
 use nalgebra::Vector3;
@@ -7,11 +6,10 @@ use robot::Solid;
 
 /// Returns the point of the axis that is closest to the solid, and the point of the solid closest to it.
 ///
-/// Let a + s d be the axis in the frame of a box of half lengths h. The squared distance is f(s) = sum_i
-/// e_i^2 with e_i = x_i - clamp(x_i, -h_i, h_i), and it is convex. Its slope f'(s) / 2 = sum_i e_i d_i is
-/// continuous and does not fall. It is linear between the at most six places where a coordinate enters or
-/// leaves its range. These places bracket its zero, and in the bracket the zero is computed exactly. The work
-/// is bounded, and nothing is allocated.
+/// Let a + s d be the axis in the frame of a box of half lengths h. The squared distance is f(s) = sum_i e_i^2 with e_i
+/// = x_i - clamp(x_i, -h_i, h_i), and it is convex. Its slope f'(s) / 2 = sum_i e_i d_i is continuous and does not
+/// fall. It is linear between the at most six places where a coordinate enters or leaves its range. These places
+/// bracket its zero, and in the bracket the zero is computed exactly. The work is bounded, and nothing is allocated.
 #[inline]
 pub(crate) fn closest_points(axis: &Segment, solid: &Solid) -> (Vector3<f64>, Vector3<f64>) {
     match solid {
@@ -99,8 +97,7 @@ mod tests {
         Vector3::from_fn(|_, _| rng.random_range(-size..=size))
     }
 
-    /// Boxes that are turned or not. Axes that are points, are parallel to an edge, or begin on a face or a
-    /// corner.
+    /// Boxes that are turned or not. Axes that are points, are parallel to an edge, or begin on a face or a corner.
     fn case(rng: &mut Pcg64, n: usize) -> (Segment, Solid) {
         let r = if n.is_multiple_of(3) { Rotation3::identity() } else { Rotation3::new(point(rng, 3.0)) };
         if n.is_multiple_of(5) {
@@ -132,8 +129,7 @@ mod tests {
             let (direction, sep) = normal(&axis, &solid);
             assert!(((x - y).norm() - exact.abs()).abs() < 1e-9, "{n}: {} {exact} {axis:?} {solid:?}", (x - y).norm());
             assert!((direction.norm() - 1.0).abs() < 1e-9);
-            // If two points are less than a micrometre apart, the direction between them consists of
-            // rounding.
+            // If two points are less than a micrometre apart, the direction between them consists of rounding.
             assert!(sep <= exact + 1e-12 && (sep - exact).abs() < 1e-9 || exact.abs() < 1e-6, "{n}: {sep} {exact}");
             overlapping += usize::from(exact <= 0.0);
         }

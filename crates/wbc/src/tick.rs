@@ -67,8 +67,7 @@ pub struct Output {
     pub on_plan: u32,
     /// Smallest distance over the checked pairs and obstacles at this command, m.
     pub clearance_m: f64,
-    /// Indices of the capsules of that pair. For an obstacle the second is the number of capsules plus its
-    /// index.
+    /// Indices of the capsules of that pair. For an obstacle the second is the number of capsules plus its index.
     pub nearest_pair: [u32; 2],
     /// Every joint stands still.
     pub at_rest: bool,
@@ -133,8 +132,7 @@ impl State {
     /// share to hold the posture with it, if any. Then the stage takes no decision. Never allocates.
     ///
     /// # Errors
-    /// Returns `Moving` if the last command or its plan is not at rest. Then the previous payload stays in
-    /// force.
+    /// Returns `Moving` if the last command or its plan is not at rest. Then the previous payload stays in force.
     pub fn carry(&mut self, config: &Config, payload: &[Payload; 2]) -> Result<Option<usize>, PayloadRefusal> {
         if !self.planned.is_at_rest() {
             return Err(PayloadRefusal::Moving);
@@ -202,9 +200,8 @@ pub fn tick(config: &Config, state: &mut State, _now: Stamp, input: Input<'_>) -
     output(config, state, &choice, &aims)
 }
 
-/// Checks that `q`, held at rest, is clear enough to engage: every pair must keep d_min and 3 mm. Returns
-/// also the smallest distance (m) and the capsules of that pair. Do not call it in a tick, because it
-/// allocates.
+/// Checks that `q`, held at rest, is clear enough to engage: every pair must keep d_min and 3 mm. Returns also the
+/// smallest distance (m) and the capsules of that pair. Do not call it in a tick, because it allocates.
 pub fn certify_rest(config: &Config, q: &[f64; JOINTS_MAX]) -> (bool, f64, [u32; 2]) {
     let anchor = Anchor::new(&config.geometry, *q);
     let clear = anchor.clearance_m >= config.geometry.d_min_m + ENGAGE_MARGIN_M;
@@ -232,8 +229,7 @@ pub fn overloaded_at_rest(config: &Config, q: &[f64; JOINTS_MAX]) -> Option<(usi
     config.load.as_ref()?.overloaded_at_rest(&config.geometry.chain, q)
 }
 
-/// Torques of the links in a motion (rad, m, and seconds), N m or N. None if the configuration proves no
-/// torques.
+/// Torques of the links in a motion (rad, m, and seconds), N m or N. None if the configuration proves no torques.
 pub fn torques(config: &Config, q: &PerJoint, v: &PerJoint, a: &PerJoint) -> Option<PerJoint> {
     let x = std::array::from_fn(|j| JointState { q: q[j], v: v[j], a: a[j] });
     config.load.as_ref().map(|load| load.torques(&config.geometry.chain, &x))

@@ -1,5 +1,4 @@
-//! The motion that a candidate would start: a tick, then the stop. Each joint has a chain of constant-jerk
-//! pieces.
+//! The motion that a candidate would start: a tick, then the stop. Each joint has a chain of constant-jerk pieces.
 
 use crate::plan::{JointState, JointStop, PlannedMotion};
 use messages::{JOINTS_MAX, JointMotion, TICK_S};

@@ -66,8 +66,7 @@ fn curve_bound_is_never_below_point_acceleration() {
         };
         let h = 1e-4;
         let acceleration = ((at(h) - at(0.0)) - (at(0.0) - at(-h))).norm() / (h * h);
-        // The difference quotient has an error of its own: rounding 1e-16 / h^2, and fourth derivatives times
-        // h^2.
+        // The difference quotient has an error of its own: rounding 1e-16 / h^2, and fourth derivatives times h^2.
         assert!(acceleration <= bound * (1.0 + 1e-5) + 1e-5, "{acceleration} > {bound}");
         if bound > 0.1 {
             worst = worst.max(acceleration / bound);

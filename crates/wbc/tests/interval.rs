@@ -92,8 +92,7 @@ fn jerk_interval_ends_are_admissible_and_beyond_is_not() {
         };
         assert!(admissible(&b, x, low) && admissible(&b, x, high), "[{low}, {high}] of {x:?} in {b:?}");
         assert!(b.admits(x, low) && b.admits(x, high) && b.admits(x, 0.5 * (low + high)));
-        // Sampling detects a violation later than the exact test, because a parabola may hide between
-        // samples.
+        // Sampling detects a violation later than the exact test, because a parabola may hide between samples.
         let beyond = 2e-2 * b.j_max;
         for j in grid.chain([low - beyond, high + beyond]) {
             let outside = j < low - beyond * 0.999 || j > high + beyond * 0.999;

@@ -121,8 +121,7 @@ fn f047_random_problems_match_another_solver() {
         feasible += 1;
         bound += usize::from(own.steps > 0);
         assert!(violation(&problem, &own.z) < 1e-12, "problem {n}: {:e}", violation(&problem, &own.z));
-        // An interior point may stop outside by its tolerance. Then ours may cost more by as much, but no
-        // more.
+        // An interior point may stop outside by its tolerance. Then ours may cost more by as much, but no more.
         let (ours, theirs) = (cost(&problem, &own.z), cost(&problem, &z));
         let off = (0..COUNT).fold(0.0_f64, |off, i| off.max((own.z[i] - z[i]).abs()));
         if status == SolverStatus::Solved {

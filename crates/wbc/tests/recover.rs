@@ -1,5 +1,4 @@
-//! Tests recovery from random postures outside the limits and in collision. The tests' own kinematics judge
-//! them.
+//! Tests recovery from random postures outside the limits and in collision. The tests' own kinematics judge them.
 
 use crate::support::{JOINTS, config_of, made_up};
 use messages::{JOINTS_MAX, Stamp, TICK_S};

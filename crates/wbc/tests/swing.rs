@@ -1,5 +1,4 @@
-//! Tests the certificate on a motion whose clearance is known: an arm sweeps along an arc past a post just
-//! outside it.
+//! Tests the certificate on a motion whose clearance is known: an arm sweeps along an arc past a post just outside it.
 
 use crate::support::{D_MIN_M, parts};
 use messages::JOINTS_MAX;
@@ -11,8 +10,7 @@ use wbc::{Config, JointMotion, JointState, JointStop, Options, Parts, PlannedMot
 
 const REACH_M: f64 = 0.5;
 const RADIUS_M: f64 = 0.02;
-/// The swing is fast and hardly brakes. Nearly all of the acceleration is centripetal, so B is nearly
-/// attained.
+/// The swing is fast and hardly brakes. Nearly all of the acceleration is centripetal, so B is nearly attained.
 const BOUNDS: Bounds = Bounds { q_min: -6.0, q_max: 6.0, v_max: 8.0, a_max: 20.0, brake: 20.0, j_max: 4000.0 };
 
 /// Joint 0 turns a carrier, and joint 1 on it swings a ball about the same kind of axis. The post stands on

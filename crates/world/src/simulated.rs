@@ -7,8 +7,7 @@ use messages::{JOINTS_MAX, Stamp, deadline};
 use plant::{Injection, Port, Robot};
 use robot::{Model, Solid};
 
-/// Multiple of its standard deviation that an encoder's noise may reach before a posture counts as outside its
-/// limits.
+/// Multiple of its standard deviation that an encoder's noise may reach before a posture counts as outside its limits.
 const NOISE_SIGMAS: f64 = 8.0;
 
 /// Options of the robot and of its driver. The model gives obstacles and grippers.

@@ -1,5 +1,4 @@
-//! From any clear posture, towards any target, engaging starts without a jump. After a long hold it is just as
-//! slow.
+//! From any clear posture, towards any target, engaging starts without a jump. After a long hold it is just as slow.
 
 use crate::support::{Bench, JOINTS, TORSO, clearance, loaded};
 use messages::{Faults, JOINTS_MAX, JointTarget, Layout, Mode, TICK_HZ, TICK_S, TRAJECTORY_NODES};

@@ -24,8 +24,7 @@ fn at_a_table() -> Model {
     model.with_environment("test", &environment).expect("home is clear of the table")
 }
 
-/// Targets for the arms before the robot, at the height of the table or below it, with a lift that goes up and
-/// down.
+/// Targets for the arms before the robot, at the height of the table or below it, with a lift that goes up and down.
 fn goal(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS_MAX] {
     std::array::from_fn(|j| {
         let limits = &model.limits[j];

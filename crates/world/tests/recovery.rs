@@ -11,8 +11,7 @@ use robot::{Frames, Model};
 const MARGIN_M: f64 = 3e-3;
 /// Rounding of two kinematics that agree to 1e-12, over a metre.
 const ROUNDING_M: f64 = 1e-9;
-/// Longest recovery, ticks: 20 mrad take 0.3 s at 0.1 rad/s, and a hand that overlaps by 40 mm is out in a few
-/// seconds.
+/// Longest recovery, ticks: 20 mrad take 0.3 s at 0.1 rad/s, and a hand that overlaps by 40 mm is out in a few seconds.
 const BACK_WITHIN: u64 = 20 * TICK_HZ;
 
 /// Random postures inside the limits.

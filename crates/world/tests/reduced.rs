@@ -1,5 +1,4 @@
-//! Reduced speed through the whole chain: a clean motion is never slowed, a target that jumps is, and no limit
-//! breaks.
+//! Reduced speed through the whole chain: a clean motion is never slowed, a target that jumps is, and no limit breaks.
 
 use crate::support::{Bench, JOINTS, loaded};
 use client::{PlayOptions, Player};

@@ -17,9 +17,8 @@ const SLACK: f64 = 1e-9;
 
 static CONFIG: LazyLock<Config> = LazyLock::new(|| Config::new(&MODEL).expect("its limits"));
 
-/// Runs the input. Each tick starts with a byte: the proposal, the number of its overwritten numbers, and the
-/// permit. A proposal is an honest step, whose jerks follow, or the last state again. Any 64 bits can overwrite a
-/// number.
+/// Runs the input. Each tick starts with a byte: the proposal, the number of its overwritten numbers, and the permit. A
+/// proposal is an honest step, whose jerks follow, or the last state again. Any 64 bits can overwrite a number.
 pub(crate) fn run(input: &[u8]) {
     let (model, config) = (&*MODEL, &*CONFIG);
     let mut bytes = Bytes::new(input);
@@ -63,8 +62,7 @@ pub(crate) fn run(input: &[u8]) {
     }
 }
 
-/// Returns one tick with these jerks from the last state, and a stop from there. Or it returns the last state
-/// again.
+/// Returns one tick with these jerks from the last state, and a stop from there. Or it returns the last state again.
 fn honest(model: &Model, state: &State, k: u64, bytes: &mut Bytes<'_>, head: u8) -> Proposed {
     let JointMotion { mut q, mut v, mut a, mut plan } = state.motion();
     if head & 3 != 0 {

@@ -52,8 +52,7 @@ impl Operator {
         status.mode == Mode::Faulted as u32 && status.faults == Faults::NONE.with(Fault::DriverFault).0
     }
 
-    /// Brings the instance from any state to one in which it can be engaged: nothing is latched and nothing
-    /// blocks it.
+    /// Brings the instance from any state to one in which it can be engaged: nothing is latched and nothing blocks it.
     pub fn clear(&mut self, look: Look) -> Result<(), Failure> {
         if self.is_cut_off() {
             self.session = OperatorSession::connect(&self.socket)?;

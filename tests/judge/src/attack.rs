@@ -126,8 +126,7 @@ impl<'a> Attacker<'a> {
         }
     }
 
-    /// Permits full speed most of the time, with some stops, some slow permits, and some that change in every
-    /// tick.
+    /// Permits full speed most of the time, with some stops, some slow permits, and some that change in every tick.
     fn change_permit(&mut self, k: u64) {
         let flutter = self.rng.random_range(0..12) == 0;
         let ticks = if flutter { 1..3 } else { 10..1500 };

@@ -135,8 +135,7 @@ impl<'a> Scene<'a> {
         Ok((self.shapes(link, None)?, poses))
     }
 
-    /// Returns the postures of the movable joints of one chain: a grid over the free joint and the common
-    /// flexion.
+    /// Returns the postures of the movable joints of one chain: a grid over the free joint and the common flexion.
     fn postures(&self, joints: &[&urdf_rs::Joint], side: &str) -> Result<Vec<Posture>, CollisionError> {
         let mut movable = joints.iter().filter(|joint| joint.joint_type != JointType::Fixed).peekable();
         if movable.peek().is_none() {

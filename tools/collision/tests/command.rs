@@ -22,8 +22,7 @@ fn stderr(output: &Output) -> String {
 fn worst_torque_found_only_by_climbing_fails_the_check() {
     let robot = robots().join("tiago_dual.toml");
     let few = ["--states", "1000", "--seed", "3"];
-    // The purpose of the file is met, and the worst posture is found for each joint, including the second of an
-    // arm.
+    // The purpose of the file is met, and the worst posture is found for each joint, including the second of an arm.
     let output = limits(&robot, &[&few[..], &["--share", "0.85"]].concat());
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     let words = stderr(&output);

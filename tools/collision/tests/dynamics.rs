@@ -80,8 +80,7 @@ fn mass_matrix_is_symmetric_positive_and_matches_torques() {
     }
 }
 
-/// The work of the joints equals the energy that the robot gains: d/dt (kinetic + potential) = torque .
-/// velocity.
+/// The work of the joints equals the energy that the robot gains: d/dt (kinetic + potential) = torque . velocity.
 #[test]
 fn joint_power_equals_the_rate_of_energy() {
     let (model, urdf) = shipped();
@@ -103,8 +102,7 @@ fn joint_power_equals_the_rate_of_energy() {
     }
 }
 
-/// All mass except one point is removed. The joint above it is a pendulum, tau = m l^2 qdd + m g l sin(q) from
-/// hanging.
+/// All mass except one point is removed. The joint above it is a pendulum, tau = m l^2 qdd + m g l sin(q) from hanging.
 #[test]
 fn point_mass_on_the_elbow_needs_the_torque_of_a_pendulum() {
     let (model, mut urdf) = shipped();

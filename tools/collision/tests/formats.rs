@@ -31,8 +31,7 @@ fn assert_is_the_wedge(triangles: &[Points]) {
     }
 }
 
-/// Fits one capsule around a link with that mesh. Checks that it contains all of it, and that a thinner one
-/// does not.
+/// Fits one capsule around a link with that mesh. Checks that it contains all of it, and that a thinner one does not.
 fn assert_contained(folder: &TempDir, geometry: &str, least_m3: f64) {
     let urdf = format!(
         "<robot name=\"r\"><link name=\"l\"><collision><geometry>{geometry}</geometry></collision></link></robot>"
@@ -46,8 +45,7 @@ fn assert_contained(folder: &TempDir, geometry: &str, least_m3: f64) {
     assert!(sticks_out_m(&capsule.matter, &[capsule.shape]) <= 0.0, "{geometry}");
     let thin = Shape { radius_m: capsule.shape.radius_m - 4e-3, ..capsule.shape };
     assert!(sticks_out_m(&capsule.matter, &[thin]) > 1e-4, "{geometry}");
-    // The ratio compares the bare capsule with the convex hull. The hull is no smaller than the shape inside
-    // it.
+    // The ratio compares the bare capsule with the convex hull. The hull is no smaller than the shape inside it.
     let hull_m3 = capsule.volume_m3 / capsule.volume_ratio;
     assert!(capsule.volume_ratio >= 1.0 && hull_m3 >= least_m3 * (1.0 - 1e-6), "{geometry}: {hull_m3} {least_m3}");
     assert!(hull_m3 < 2.0 * least_m3, "{geometry}: {hull_m3} {least_m3}");

@@ -15,8 +15,7 @@ fn main() -> Result<(), ClientError> {
     }
     let mut port = Port::open(Transport::Domain(instance.input_domain()), "example")?;
     let motion = motion::builtin();
-    // The number differs at each start. A client that restarts counts as a new one, and the operator must
-    // enable again.
+    // The number differs at each start. A client that restarts counts as a new one, and the operator must enable again.
     let incarnation = rt::incarnation();
     let session_nonce = u64::from(incarnation) << 32 | 1;
     for (sequence, person) in (1..).zip(motion.frames.iter().cycle()) {

@@ -38,14 +38,12 @@ pub struct Cli {
     /// Also draw the run: joints against their limits, clearance, latency, modes.
     #[arg(long, value_name = "OUT.png", requires = "offline")]
     pub plot: Option<PathBuf>,
-    /// Run the stages again over the inputs of a recording of --record. Compare targets, commands and statuses
-    /// with the recorded ones, bit for bit. Exits with 1 if one differs or is missing, or if the recording is
-    /// incomplete.
+    /// Run the stages again over the inputs of a recording of --record. Compare targets, commands and statuses with the
+    /// recorded ones, bit for bit. Exits with 1 if one differs or is missing, or if the recording is incomplete.
     #[arg(long, value_name = "FILE.mcap", conflicts_with_all = ["file", "looped", "offline", "run_dir", "socket"])]
     pub compare: Option<PathBuf>,
-    /// Source of the elbow hinges: the first 10 s of the motion, or all of it (which looks ahead), or the rig.
-    /// The rig requires joints without rotation in the T-pose. The person of a joint trajectory or a recording
-    /// has such a rig.
+    /// Source of the elbow hinges: the first 10 s of the motion, or all of it (which looks ahead), or the rig. The rig
+    /// requires joints without rotation in the T-pose. The person of a joint trajectory or a recording has such a rig.
     #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
     pub calibration: CalibrationMode,
     /// Settings for --offline, and the robot of a joint trajectory. A program installed in /usr/bin defaults to

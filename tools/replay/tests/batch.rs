@@ -181,8 +181,7 @@ fn rows_at_control_rate_pass_through_every_frame() {
     for (i, frame) in frames.iter().enumerate() {
         let row = &rows[25 * i];
         assert!((row[0] - frame[0]).abs() < 1e-4, "the file's own rate is rounded to a nanosecond");
-        // The rate in the file is 1 / 0.016666667 Hz, so rows differ from its frames by up to 10^-6 of their
-        // step.
+        // The rate in the file is 1 / 0.016666667 Hz, so rows differ from its frames by up to 10^-6 of their step.
         let off = (1..=JOINTS).map(|j| (row[j] - frame[j]).abs()).fold(0.0, f64::max);
         assert!(off < 1e-5, "frame {i} is off by {off} rad");
     }

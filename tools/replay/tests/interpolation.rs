@@ -176,8 +176,7 @@ fn interpolate_writes_both_files_and_refuses_bad_poses() {
     assert!(String::from_utf8_lossy(&refused.stderr).contains("--seconds 0 is outside [0.05, 60]"));
 }
 
-/// Poses anywhere in the arm's reach and slightly beyond, where refinement finds other branches than the
-/// network.
+/// Poses anywhere in the arm's reach and slightly beyond, where refinement finds other branches than the network.
 #[test]
 fn trajectory_rows_between_random_poses_do_not_jump() {
     let (model, network) = robot();

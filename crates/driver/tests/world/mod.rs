@@ -16,8 +16,7 @@ pub(crate) const FIRST_K: u64 = 1000;
 /// Largest joint speed, rad/s. The motions of `Control` stay below it.
 pub(crate) const V_MAX: f64 = 3.0;
 
-/// Limits that every motion and plan of `Control` keeps. Its commands have up to 1e4 rad/s^3, its plans up to v /
-/// d^2.
+/// Limits that every motion and plan of `Control` keeps. Its commands have up to 1e4 rad/s^3, its plans up to v / d^2.
 const LIMITS: JointLimits = JointLimits { q_min: -100.0, q_max: 100.0, v_max: V_MAX, a_max: 1e3, j_max: 2e5 };
 
 /// Events of one tick.

@@ -1,5 +1,4 @@
-//! Checks that a step of the execution continues the one before, from the records of `control` and closed forms
-//! alone.
+//! Checks that a step of the execution continues the one before, from the records of `control` and closed forms alone.
 
 use super::Tally;
 use super::control::{Control, Made};

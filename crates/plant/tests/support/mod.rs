@@ -111,8 +111,7 @@ impl Sines {
         torques.map(|(torque, joint)| torque.abs() / joint.limits.effort_max).fold(0.0, f64::max)
     }
 
-    /// Returns the setpoint of tick `k`. It begins at rest. A ramp lets the sines grow within the first two
-    /// seconds.
+    /// Returns the setpoint of tick `k`. It begins at rest. A ramp lets the sines grow within the first two seconds.
     pub(crate) fn at(&self, k: u64) -> Setpoint {
         let t = k as f64 / 1500.0;
         let (ramp, rate, bend) = ramp(t);

@@ -7,9 +7,8 @@ use perceptron::Dense;
 
 /// Number of inputs.
 const INPUTS: usize = 64;
-/// Largest error: of a latent, relative to its size if that is above 1, and of a joint, rad (0.06 degrees). The
-/// shipped weights err by 2e-5, which is the rounding of single precision over seven layers. A wrong sum errs by
-/// far more.
+/// Largest error: of a latent, relative to its size if that is above 1, and of a joint, rad (0.06 degrees). The shipped
+/// weights err by 2e-5, which is the rounding of single precision over seven layers. A wrong sum errs by far more.
 const ERROR_MAX: f64 = 1e-3;
 
 /// Returns the largest error if it exceeds the bound.

@@ -6,8 +6,7 @@ use crate::limits::{Limits, status_line};
 /// Stack that is touched in advance: an eighth of a Rust thread's 2 MiB. A tick holds a few messages of at most
 /// 3.6 KB.
 const STACK_PREFAULT_BYTES: usize = 256 * 1024;
-/// Heap that is touched in advance and kept. Assumption: after READY a process asks for some KB at most, for a
-/// report.
+/// Heap that is touched in advance and kept. Assumption: after READY a process asks for some KB at most, for a report.
 const HEAP_PREFAULT_BYTES: usize = 4 << 20;
 /// Distance of two touches: the smallest page of the supported platforms.
 const PAGE_BYTES: usize = 4096;
@@ -50,8 +49,7 @@ pub(super) fn prefault() -> Result<String, String> {
 /// would blocks with mappings of their own.
 fn keep_heap() -> bool {
     #[cfg(target_env = "gnu")]
-    // SAFETY: mallopt takes two integers and changes only tuning values of the allocator. It returns 1 for
-    // success.
+    // SAFETY: mallopt takes two integers and changes only tuning values of the allocator. It returns 1 for success.
     unsafe {
         libc::mallopt(libc::M_TRIM_THRESHOLD, -1) == 1 && libc::mallopt(libc::M_MMAP_MAX, 0) == 1
     }

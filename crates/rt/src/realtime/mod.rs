@@ -28,8 +28,7 @@ pub struct RealtimeConfig {
     pub policy: Policy,
     /// Cores that the calling thread may run on. `None` leaves it free.
     pub cores: Option<Vec<usize>>,
-    /// Lock the memory of the whole process, now and in future. Heap and stack are touched in advance, lock or
-    /// not.
+    /// Lock the memory of the whole process, now and in future. Heap and stack are touched in advance, lock or not.
     pub lock_memory: bool,
     /// Keep the cores of the machine from sleeping, as long as the process lives.
     pub cpu_dma_latency: bool,
@@ -147,8 +146,7 @@ impl Realtime {
         outcome(scheduling::set_fifo(priority, true))
     }
 
-    /// Returns the result of asking for SCHED_FIFO with `priority`. It is set and read back on a thread that then
-    /// ends.
+    /// Returns the result of asking for SCHED_FIFO with `priority`. It is set and read back on a thread that then ends.
     pub fn try_fifo(priority: u8) -> Result<String, String> {
         let tried =
             std::thread::Builder::new().name("try-fifo".into()).spawn(move || scheduling::set_fifo(priority, false));
@@ -180,8 +178,7 @@ pub fn is_preempt_rt() -> bool {
     says_preempt_rt(&text("/proc/sys/kernel/version"), &text("/sys/kernel/realtime"))
 }
 
-/// Returns true if `version` contains the word `PREEMPT_RT`, or if `realtime` is 1. `PREEMPT_DYNAMIC` is another
-/// word.
+/// Returns true if `version` contains the word `PREEMPT_RT`, or if `realtime` is 1. `PREEMPT_DYNAMIC` is another word.
 fn says_preempt_rt(version: &str, realtime: &str) -> bool {
     version.split_whitespace().any(|word| word == "PREEMPT_RT") || realtime.trim() == "1"
 }

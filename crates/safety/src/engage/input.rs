@@ -2,8 +2,7 @@
 
 use messages::{FAULTS, Faults, Mode, PayloadOrder, Permit, Stamp, Transition};
 
-/// The operator, as the control socket reports at this tick. An edge is an increment of a counter since the
-/// last tick.
+/// The operator, as the control socket reports at this tick. An edge is an increment of a counter since the last tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OperatorView {
     /// The client that holds or requests authority is connected.
@@ -28,8 +27,7 @@ pub struct OperatorView {
     pub estop_edge: bool,
     /// Arrival time of the last heartbeat, by this machine's clock. Zero before the first.
     pub heartbeat_received: Stamp,
-    /// Payload orders for the left and the right hand since the last tick. The state machine does not use
-    /// them.
+    /// Payload orders for the left and the right hand since the last tick. The state machine does not use them.
     pub payload: [Option<PayloadOrder>; 2],
 }
 
@@ -82,8 +80,7 @@ pub struct RobotView {
     /// Neither of these two flags is set, and the commanded posture keeps the limits and the clearance that a
     /// recovery aims for (see `monitor::clear_to_start`).
     pub clear_to_start: bool,
-    /// The measured posture is closer to self-collision or to an obstacle than allowed in motion (see
-    /// `monitor::Near`).
+    /// The measured posture is closer to self-collision or to an obstacle than allowed in motion (see `monitor::Near`).
     pub collision_near: bool,
     /// Time by which the newest state is newer than the one judged before, ns. Zero if it is the same one.
     pub sample_ns: u64,

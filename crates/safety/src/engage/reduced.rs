@@ -5,9 +5,8 @@ use messages::{TICK_HZ, reduced_flag};
 use super::watch::charged_ns;
 use super::{Config, Input};
 
-/// Share of each velocity limit that is left for a doubtful motion. Shoulder (1.95 rad/s, 0.9 m from the
-/// hand) and elbow (2.35 rad/s, 0.45 m) together then move a hand at 0.25 m/s. ISO 10218-1 calls this reduced
-/// speed.
+/// Share of each velocity limit that is left for a doubtful motion. Shoulder (1.95 rad/s, 0.9 m from the hand) and
+/// elbow (2.35 rad/s, 0.45 m) together then move a hand at 0.25 m/s. ISO 10218-1 calls this reduced speed.
 pub const SLOW: f64 = 0.09;
 
 /// Time in which the speed returns from zero to full, ns. The operator then feels the return as one motion.
@@ -91,8 +90,7 @@ impl Reduced {
     }
 }
 
-/// Jumps of the target. A person who moves faster than the robot causes none, however far behind the robot
-/// falls.
+/// Jumps of the target. A person who moves faster than the robot causes none, however far behind the robot falls.
 #[derive(Clone, Copy, Debug, Default)]
 struct Jumps {
     jumped: bool,
@@ -123,8 +121,7 @@ const PARTS: usize = 10;
 /// Ticks in each part.
 const PART_TICKS: u64 = TICK_HZ / PARTS as u64;
 
-/// Counts how often this process was late within the last second. The second is rounded up by at most a
-/// tenth.
+/// Counts how often this process was late within the last second. The second is rounded up by at most a tenth.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Lateness {
     counts: [u32; PARTS],

@@ -189,11 +189,10 @@ impl Watch {
 
     /// Returns true if the tracking error is too large, or has been large for too long.
     ///
-    /// It adds the time between samples while the error is large, and subtracts half of it while the error is
-    /// small. So a joint that swings through its setpoint does not clear the count each time it passes. With
-    /// amplitude A and bound b the error is large for the share s = (2 / pi) acos(b / A) of the time. The
-    /// count grows if s > (1 - s) / 2, so from A = b / cos(pi / 6) = 1.15 b on. Written so that NaN counts as
-    /// lost.
+    /// It adds the time between samples while the error is large, and subtracts half of it while the error is small. So
+    /// a joint that swings through its setpoint does not clear the count each time it passes. With amplitude A and
+    /// bound b the error is large for the share s = (2 / pi) acos(b / A) of the time. The count grows if s > (1 - s) /
+    /// 2, so from A = b / cos(pi / 6) = 1.15 b on. Written so that NaN counts as lost.
     fn tracking_lost(&mut self, config: &Config, input: &Input) -> bool {
         let (angle, length) = (input.robot.tracking_error_rad, input.robot.tracking_error_m);
         let small = angle <= config.tracking_error_rad && length <= config.tracking_error_m;
@@ -238,8 +237,7 @@ mod tests {
         let mut age = StreamAge::default();
         let now = Stamp(1000 * MS);
         age.judge(now, now, MS, 0);
-        // This process and the writer slept for 50 ms. Only the charged maximum counts at once, then each
-        // further tick.
+        // This process and the writer slept for 50 ms. Only the charged maximum counts at once, then each further tick.
         assert_eq!(
             age.judge(now.plus_ns(50 * MS), now, charged_ns(50 * MS), 50 * MS - charged_ns(50 * MS)),
             CHARGE_MAX_NS

@@ -66,8 +66,7 @@ struct Capsule {
     body: usize,
     ends: [Vector3<f64>; 2],
     radius_m: f64,
-    /// The joints that carry the capsule, from the base on, each with its lever (m, or 1 for a prismatic
-    /// joint).
+    /// The joints that carry the capsule, from the base on, each with its lever (m, or 1 for a prismatic joint).
     carried: Vec<(usize, f64)>,
 }
 
@@ -85,8 +84,7 @@ enum Other {
 #[derive(Clone, Copy, Debug)]
 struct Pair {
     a: usize,
-    /// Place in the list of joints of `a`. The joints from this place on move `a` relative to the common
-    /// body.
+    /// Place in the list of joints of `a`. The joints from this place on move `a` relative to the common body.
     from: usize,
     other: Other,
     /// All joints, and all capsules (bit i is capsule i), that the pair's distance depends on.
@@ -302,8 +300,7 @@ impl Body {
         of_axis - a.radius_m
     }
 
-    /// Largest displacement of each capsule by joints that move by `travel` (rad, m), from every place of its
-    /// list on.
+    /// Largest displacement of each capsule by joints that move by `travel` (rad, m), from every place of its list on.
     pub(super) fn moved(&self, travel: &[f64; JOINTS_MAX]) -> Moved {
         let mut moved = [[0.0; JOINTS_MAX + 1]; CAPSULES_MAX];
         for (capsule, moved) in self.capsules.iter().zip(&mut moved) {

@@ -39,8 +39,7 @@ pub enum Check {
     Acceleration,
     /// The command needs more jerk than allowed.
     Jerk,
-    /// The command is neither one tick of constant jerk after the last one, nor the next point of the stored
-    /// plan.
+    /// The command is neither one tick of constant jerk after the last one, nor the next point of the stored plan.
     Step,
     /// The command is faster than the permit allows.
     SpeedScale,
@@ -62,8 +61,7 @@ pub enum ConfigError {
     /// Returned if the least clearance is not finite and positive, so that nothing would be kept apart.
     #[error("clearance_min = {0} m, must be finite and above zero")]
     Clearance(f64),
-    /// Returned if the bound on the speed of hands is not finite and positive, so that no motion would be
-    /// left.
+    /// Returned if the bound on the speed of hands is not finite and positive, so that no motion would be left.
     #[error("hand speed = {0} m/s, must be finite and above zero")]
     HandSpeed(f64),
     /// Returned if a figure of the interface is outside its bound.
@@ -163,9 +161,8 @@ impl Limits {
         self.within(&extremes)
     }
 
-    /// Checks the speed in a tick with only part of the velocity limit. It may not exceed that part, or the
-    /// previous speed, if that is greater. The stored plan is always allowed, because it brakes as soon as
-    /// the joint can.
+    /// Checks the speed in a tick with only part of the velocity limit. It may not exceed that part, or the previous
+    /// speed, if that is greater. The stored plan is always allowed, because it brakes as soon as the joint can.
     pub(super) fn slow(&self, last: Point, next: Point, on_plan: Point, speed_scale: f64) -> Result<(), Check> {
         if speed_scale >= 1.0 {
             return Ok(());
@@ -206,8 +203,7 @@ pub(super) fn comes_to_rest(start: Point, phases: &Phases) -> bool {
     at_rest(phases.iter().fold(start, |point, phase| point.after(phase.jerk, phase.duration)))
 }
 
-/// Largest differences between two plans that count as the same: 0.1 ns, and the jerk that rounding of a sum
-/// leaves.
+/// Largest differences between two plans that count as the same: 0.1 ns, and the jerk that rounding of a sum leaves.
 const SAME_DURATION: i64 = 1 << 15;
 const SAME_JERK: i64 = 1 << 20;
 

@@ -1,10 +1,9 @@
 //! Kinematics in integers. The result is the same on every machine.
 //!
-//! Positions, velocities, accelerations and jerks are counted in 2^-40 of their SI unit (0.91 picorad and the
-//! like). Times are counted in 2^-48 s. A tick of 1/1500 s is not a whole number of these units. So ticks are
-//! counted and then converted, and the error of one tick (0.8e-15 s) does not add up. Scaling an `f64` by a
-//! power of two is exact, so the only rounding is to the nearest unit. Ceilings keep every intermediate value
-//! inside its type:
+//! Positions, velocities, accelerations and jerks are counted in 2^-40 of their SI unit (0.91 picorad and the like).
+//! Times are counted in 2^-48 s. A tick of 1/1500 s is not a whole number of these units. So ticks are counted and then
+//! converted, and the error of one tick (0.8e-15 s) does not add up. Scaling an `f64` by a power of two is exact, so
+//! the only rounding is to the nearest unit. Ceilings keep every intermediate value inside its type:
 //!
 //! | quantity | ceiling, SI | units |
 //! |---|---|---|
@@ -130,8 +129,7 @@ impl Point {
         })
     }
 
-    /// State after `t` of constant jerk: a' = a + j t, v' = v + (a + a') t / 2, q' = q + (6 v + (2 a + a') t)
-    /// t / 6.
+    /// State after `t` of constant jerk: a' = a + j t, v' = v + (a + a') t / 2, q' = q + (6 v + (2 a + a') t) t / 6.
     pub(super) fn after(self, jerk: i64, t: i64) -> Self {
         let a = clamped(i128::from(self.a) + scaled(jerk, t, TIME_BITS), ACCELERATION_CLAMP);
         self.reaching(a, t)
@@ -160,9 +158,8 @@ impl Phase {
         turn.clamp(0, i128::from(self.duration)) as i64
     }
 
-    /// Returns the end of the phase that begins at `start`, and its extremes. The velocity is extreme at the
-    /// ends and where the acceleration is zero. The position is extreme at the ends and where the velocity is
-    /// zero.
+    /// Returns the end of the phase that begins at `start`, and its extremes. The velocity is extreme at the ends and
+    /// where the acceleration is zero. The position is extreme at the ends and where the velocity is zero.
     pub(super) fn play(self, start: Point) -> (Point, Extremes) {
         let end = start.after(self.jerk, self.duration);
         let turn = self.turn(start.a);

@@ -20,8 +20,7 @@ use super::way::{positions, sample_times};
 /// levers below 1e-14 m.
 const SPEED_SLACK_M_PER_S: f64 = 1e-9;
 
-/// Checks that elbows and hands are no faster than `max_m_per_s` at the command `next` and at the samples of
-/// `stops`.
+/// Checks that elbows and hands are no faster than `max_m_per_s` at the command `next` and at the samples of `stops`.
 pub(super) fn judge(
     body: &Body,
     max_m_per_s: f64,

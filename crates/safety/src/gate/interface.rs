@@ -15,9 +15,8 @@
 //! sum over all joints of R_k off_k + sum over all controllers but the one with the least sum of R_k lag_k
 //! ```
 //!
-//! because nobody knows which controller is least delayed. If one controller moves all joints between a
-//! pair's bodies, the pair loses nothing by lag. Positions, speeds and accelerations are those of the command
-//! at that instant.
+//! because nobody knows which controller is least delayed. If one controller moves all joints between a pair's bodies,
+//! the pair loses nothing by lag. Positions, speeds and accelerations are those of the command at that instant.
 
 use messages::JOINTS_MAX;
 use robot::JointLimits;

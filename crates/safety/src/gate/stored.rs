@@ -22,8 +22,7 @@ pub(super) struct Stored {
     pub(super) played: u64,
 }
 
-/// Returns a joint's stop in units, or None if its phases are not finite, not ordered, or beyond the
-/// ceilings.
+/// Returns a joint's stop in units, or None if its phases are not finite, not ordered, or beyond the ceilings.
 pub(super) fn quantised_phases(plan: &StopPlan, joint: usize) -> Option<Phases> {
     let mut phases = [Phase::default(); 3];
     for (i, phase) in phases.iter_mut().enumerate() {

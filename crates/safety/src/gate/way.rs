@@ -19,9 +19,8 @@
 //! distance at the command - sum_k R_k (D_k + u_k) >= least
 //! ```
 //!
-//! proves the pair for the whole way, at the samples and between them. A lower bound of the distance is
-//! enough. So most pairs are proved by the balls around their capsules. Only the other pairs are measured at
-//! the samples.
+//! proves the pair for the whole way, at the samples and between them. A lower bound of the distance is enough. So most
+//! pairs are proved by the balls around their capsules. Only the other pairs are measured at the samples.
 //!
 //! A pair measured at one sample may also be proved for another one. The condition is that it cannot lose its
 //! spare distance between the two. Then |q_i - q_j| takes the place of D.

@@ -9,8 +9,7 @@ use super::OUTSIDE_MARGIN;
 /// means that the encoder jumped.
 const JUMP_FACTOR: f64 = 3.0;
 
-/// Number of ticks for which a measurement may stay exactly the same while its joint is commanded to move: 50
-/// ms.
+/// Number of ticks for which a measurement may stay exactly the same while its joint is commanded to move: 50 ms.
 const FROZEN_TICKS: u64 = TICK_HZ / 20;
 
 /// Commanded motion after which a measurement that stays exactly the same counts as frozen, rad. It is less
@@ -20,9 +19,8 @@ const FROZEN_RAD: f64 = 0.02;
 /// Commanded motion at the beginning of a movement after which the measurement must have followed, rad.
 const SENSE_RAD: f64 = 0.015;
 
-/// Share of that motion that the measurement must show, unless it comes closer to the commanded position. A
-/// measurement with the wrong sign shows less than nothing. A measurement of another joint shows that joint's
-/// motion.
+/// Share of that motion that the measurement must show, unless it comes closer to the commanded position. A measurement
+/// with the wrong sign shows less than nothing. A measurement of another joint shows that joint's motion.
 const SENSE_SHARE: f64 = 0.2;
 
 /// Bound of a prismatic joint in m for each rad above. Its limits of tracking error are a fifth as large.
@@ -50,8 +48,7 @@ pub struct Sample<'a> {
 /// The result for a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Judged {
-    /// Positions to use: the measured ones, or those of the last good sample if only this sample is an
-    /// outlier.
+    /// Positions to use: the measured ones, or those of the last good sample if only this sample is an outlier.
     pub q_measured: [f64; JOINTS_MAX],
     /// The measurements are implausible.
     pub invalid: bool,
@@ -138,8 +135,7 @@ impl Before {
             return false;
         }
         self.sense = Some((sent, measured));
-        // A joint that was away and comes back does follow, from any side. It is a joint that still
-        // swings.
+        // A joint that was away and comes back does follow, from any side. It is a joint that still swings.
         let comes_back = (measured - sent).abs() <= (measured_from - sent_from).abs();
         !comes_back && (measured - measured_from) * way < SENSE_SHARE * way * way
     }

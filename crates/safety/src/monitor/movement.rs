@@ -5,14 +5,12 @@ use robot::Model;
 
 use super::feedback::{PRISMATIC_SHARE, Sample};
 
-/// Ticks between the two positions whose difference gives a measured speed: W = 20 ms. One step of an encoder
-/// of 14 bits, 3.8e-4 rad, is 0.02 rad/s over it. A swing of frequency f shows sin(pi f W) / (pi f W) of its
-/// speed. This is 0.94 at 10 Hz and 0.76 at 20 Hz. It is zero at 50 Hz, where no drive of such a robot
-/// swings.
+/// Ticks between the two positions whose difference gives a measured speed: W = 20 ms. One step of an encoder of 14
+/// bits, 3.8e-4 rad, is 0.02 rad/s over it. A swing of frequency f shows sin(pi f W) / (pi f W) of its speed. This is
+/// 0.94 at 10 Hz and 0.76 at 20 Hz. It is zero at 50 Hz, where no drive of such a robot swings.
 const WINDOW_TICKS: u64 = TICK_HZ / 50;
 
-/// Entries of the window. There is at most one for each tick, with both ends, and one more that is just too
-/// old.
+/// Entries of the window. There is at most one for each tick, with both ends, and one more that is just too old.
 const WINDOW: usize = WINDOW_TICKS as usize + 2;
 
 /// Time constant of the leaky mean square that stops the robot, s. A quarter of a second holds a whole swing
@@ -51,9 +49,8 @@ const FAST_S: f64 = 0.010;
 const FAST_REPORTED_S: f64 = 0.002;
 const FAST_SAMPLES: u32 = 3;
 
-/// Longest time that one sample counts for, s. So one wrong sample adds at most the square of the speed above
-/// times 10 ms / 250 ms. This is 0.04, and 0.0625 stops the robot. It holds however long the measurement was
-/// missing.
+/// Longest time that one sample counts for, s. So one wrong sample adds at most the square of the speed above times 10
+/// ms / 250 ms. This is 0.04, and 0.0625 stops the robot. It holds however long the measurement was missing.
 const COUNTED_MAX_S: f64 = 0.010;
 
 /// Time for which each joint must have stayed in its band before the robot is at rest, s.
@@ -75,9 +72,8 @@ const FAR_SAMPLES: u32 = 3;
 /// 0.1 s. The bound is twice the sum.
 const SETTLE_S: f64 = 2.0;
 
-/// Time for which a robot that left its place must stand before another place counts, s. In this time it may
-/// move no faster than the band allows, 5 mrad/s. So an arm that sinks slowly does not count as standing
-/// repeatedly.
+/// Time for which a robot that left its place must stand before another place counts, s. In this time it may move no
+/// faster than the band allows, 5 mrad/s. So an arm that sinks slowly does not count as standing repeatedly.
 const STAND_AGAIN_S: f64 = 1.0;
 
 /// Largest speed or acceleration of a command at rest, rad/s, rad/s^2, m/s or m/s^2. The driver judges the
@@ -99,8 +95,7 @@ pub struct Moved {
     pub restless: usize,
 }
 
-/// A sample of the window: the measured positions, and the commanded travel of the joints since the window
-/// began.
+/// A sample of the window: the measured positions, and the commanded travel of the joints since the window began.
 #[derive(Clone, Copy, Debug)]
 struct Entry {
     k: u64,
@@ -196,9 +191,8 @@ impl Movement {
     /// Judges a new sample. Call it once for each sample. `servo_lag_s` is the known lag of a sound servo, s.
     /// Time is the difference of the samples' indices, so a late sample has no effect.
     ///
-    /// Let e be the measured minus the sent mean speed over W = 20 ms. It counts up to s, which is v_max or
-    /// 0.82 rad/s, whichever is less. The mean square E follows dE/dt = (e^2 - E) / 0.25 s. E > (0.25 s)^2 is
-    /// a velocity error.
+    /// Let e be the measured minus the sent mean speed over W = 20 ms. It counts up to s, which is v_max or 0.82 rad/s,
+    /// whichever is less. The mean square E follows dE/dt = (e^2 - E) / 0.25 s. E > (0.25 s)^2 is a velocity error.
     ///
     /// A swing A sin(2 pi f t) about the commanded position has E = (2 pi f A)^2 / 2 times the square of the
     /// share that the window shows. So it is detected if its amplitude is above 0.25 s sqrt(2) / (2 pi f)
@@ -253,8 +247,7 @@ impl Movement {
         Some(self.window[(self.oldest + last) % WINDOW].k)
     }
 
-    /// Adds a sample to the window. The oldest entry is then the newest of those that are at least a window
-    /// old.
+    /// Adds a sample to the window. The oldest entry is then the newest of those that are at least a window old.
     fn remember(&mut self, entry: Entry) {
         if self.filled == WINDOW {
             self.drop_oldest();

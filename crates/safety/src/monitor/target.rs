@@ -9,8 +9,7 @@ const FASTEST_RAD_S: f64 = 40.0;
 /// The same for a prismatic joint, m/s: the speed of the fastest hands.
 const FASTEST_M_S: f64 = 10.0;
 
-/// A command farther from its target than this is far behind, rad. It is 15 degrees, more than any tracking
-/// error.
+/// A command farther from its target than this is far behind, rad. It is 15 degrees, more than any tracking error.
 const BEHIND_RAD: f64 = 0.26;
 /// The same for a prismatic joint, m.
 const BEHIND_M: f64 = 0.05;

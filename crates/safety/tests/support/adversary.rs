@@ -1,5 +1,4 @@
-//! An attacker that tries to make the gate send commands which break a limit, and a judge of everything that
-//! it sends.
+//! An attacker that tries to make the gate send commands which break a limit, and a judge of everything that it sends.
 
 use judge::Robot;
 use judge::joint::{Joint, rest_of, stop_of};
@@ -79,8 +78,7 @@ impl Adversary {
         Proposed { k: self.k, permit: Permit::Follow { speed_scale: 1.0 }, motion: self.state.motion() }
     }
 
-    /// A proposal at the edge of the allowed range. Every joint goes as far in its direction as a few tries
-    /// reach.
+    /// A proposal at the edge of the allowed range. Every joint goes as far in its direction as a few tries reach.
     fn at_the_edge(&mut self, last: &Proposed) -> Proposed {
         let mut next = Proposed { k: self.k + 1, ..*last };
         for j in 0..JOINTS {
@@ -165,8 +163,7 @@ impl Adversary {
                 self.report.damaged += u64::from(!index_ok || self.is_wrong(&last, &proposed));
             }
         }
-        // A command for a later index plays several ticks of the plan. The judge of single steps does not
-        // apply there.
+        // A command for a later index plays several ticks of the plan. The judge of single steps does not apply there.
         if index_ok {
             self.judge(&last, &decision);
         }

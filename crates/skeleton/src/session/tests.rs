@@ -61,8 +61,7 @@ fn frame(ns: u64, sequence: u64) -> RawSkeleton {
     raw
 }
 
-/// Feeds frames of `bad` to a session after `before` good ones. Returns the number of the first refused frame,
-/// from 1.
+/// Feeds frames of `bad` to a session after `before` good ones. Returns the number of the first refused frame, from 1.
 fn refused_after(before: u32, bad: &Person) -> u32 {
     let mut session = Session::new(&frame(0, 0));
     (0..before).for_each(|_| assert_eq!(session.check_posture(&good(), PERIOD_NS), Ok(())));

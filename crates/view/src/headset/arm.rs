@@ -1,8 +1,7 @@
 //! An arm from shoulder and wrist alone: the elbow by two bones of known length, in closed form.
 //!
-//! With the bones a and b and the distance L from shoulder to wrist, the elbow is at
-//! s + x u + sqrt(a^2 - x^2) n, x = (a^2 - b^2 + L^2) / 2L. u points to the wrist and n is normal to u. Everything is in
-//! the axes of WebXR.
+//! With the bones a and b and the distance L from shoulder to wrist, the elbow is at s + x u + sqrt(a^2 - x^2) n, x =
+//! (a^2 - b^2 + L^2) / 2L. u points to the wrist and n is normal to u. Everything is in the axes of WebXR.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 

@@ -1,5 +1,4 @@
-//! Bounds the difference between a torque and its chord, as derived in the parent module. The tables are made
-//! once.
+//! Bounds the difference between a torque and its chord, as derived in the parent module. The tables are made once.
 
 use crate::chain::{BODIES, JointSet, KinematicChain, joints};
 use crate::config::WbcError;
@@ -16,8 +15,7 @@ struct Carried {
     turns: Vec<usize>,
     /// Prismatic joints between the base and the body. They come before all revolute ones.
     slides: Vec<usize>,
-    /// D: largest distance of the body's origin from the axis of each of `turns`, m. It is zero for the last
-    /// one.
+    /// D: largest distance of the body's origin from the axis of each of `turns`, m. It is zero for the last one.
     away: Vec<f64>,
     /// The axis of the last of `turns`.
     axis: Vector3<f64>,
@@ -90,8 +88,7 @@ impl Carried {
         carried
     }
 
-    /// Updates the tables with the body's payload. A point adds its second moments to the body's. Never
-    /// allocates.
+    /// Updates the tables with the body's payload. A point adds its second moments to the body's. Never allocates.
     fn carry(&mut self, payload: &Payload) {
         let (mut m, mut center, [mut second, mut second_own]) = self.empty;
         let &Payload { mass_kg, center: at } = payload;

@@ -12,10 +12,9 @@
 //! Between two instants, t0 and t1 = t0 + dt, it is bounded.
 //!
 //! *Chord.* Let b_k be the chord of the acceleration a_k on [t0, t1], and d_k the largest |a_k - b_k|. a_k is
-//! piecewise linear, so d_k is found at its kinks. Let F_j be the torque for b in place of a. Then |tau_j -
-//! F_j| <= sum_k |M_jk| d_k. F_j equals tau_j at t0 and t1. Its second derivative exists except at the kinks,
-//! and F_j' is continuous. So F_j leaves its chord by at most dt^2 / 8 sup |F_j''|. Hence on the whole
-//! segment
+//! piecewise linear, so d_k is found at its kinks. Let F_j be the torque for b in place of a. Then |tau_j - F_j| <=
+//! sum_k |M_jk| d_k. F_j equals tau_j at t0 and t1. Its second derivative exists except at the kinks, and F_j' is
+//! continuous. So F_j leaves its chord by at most dt^2 / 8 sup |F_j''|. Hence on the whole segment
 //!
 //! ```text
 //! |tau_j| <= max(|tau_j(t0)|, |tau_j(t1)|) + dt^2 / 8 sup |F_j''| + sum_k |M_jk| d_k
@@ -29,11 +28,10 @@
 //! O1 = sum_m |v_m|,     O2 = O1^2 + sum_m |a_m|            (m turns, from the base to b)
 //! ```
 //!
-//! So |J_k| <= R_k, |J_k'| <= R_k O1 and |J_k''| <= R_k O2, with the reach R_k of dm. R_k is the distance of
-//! the next joint's origin from axis k, plus the lengths of the later offsets, plus the distance of dm from
-//! the origin of b. If k is b's own joint, the last distance is from b's axis. dJ_k/dq_i = z_i x J_k for
-//! i <= k has the same bounds. So x'' is at most sum_k R_k c_k times a product of rotations by at most all
-//! joints to b, with
+//! So |J_k| <= R_k, |J_k'| <= R_k O1 and |J_k''| <= R_k O2, with the reach R_k of dm. R_k is the distance of the next
+//! joint's origin from axis k, plus the lengths of the later offsets, plus the distance of dm from the origin of b. If
+//! k is b's own joint, the last distance is from b's axis. dJ_k/dq_i = z_i x J_k for i <= k has the same bounds. So x''
+//! is at most sum_k R_k c_k times a product of rotations by at most all joints to b, with
 //!
 //! ```text
 //! c_k   = |b_k| + |v_k| (|v_k| + 2 V_k)                               V_k, A_k, Y_k: sums of |v|, |a|, |jerk| of the
@@ -72,8 +70,7 @@
 //! each. The rest of the effort limit is for the motors' rotors and friction.
 //!
 //! *Payload.* The payload of a hand is a point mass on its body. It may change at rest. If the posture can be
-//! held with it, the constant plan is proved and the induction starts again. If not, no decision is taken, as
-//! above.
+//! held with it, the constant plan is proved and the induction starts again. If not, no decision is taken, as above.
 
 mod curve;
 #[cfg(test)]
@@ -88,8 +85,7 @@ use curve::Curves;
 use messages::{JOINTS_MAX, JointMotion};
 use robot::Payload;
 
-/// Share of each effort limit that a motion may need. The rest is for rotors, friction, and the servo's
-/// corrections.
+/// Share of each effort limit that a motion may need. The rest is for rotors, friction, and the servo's corrections.
 pub const SHARE: f64 = 0.85;
 /// Shorter segments are not cut, s.
 const SHORTEST_S: f64 = 2.4e-3;
@@ -146,8 +142,7 @@ impl Load {
         &self.payload
     }
 
-    /// The first joint that needs more than its limit to hold `q` at rest, with its torque and the limit, N m
-    /// or N.
+    /// The first joint that needs more than its limit to hold `q` at rest, with its torque and the limit, N m or N.
     pub(crate) fn overloaded_at_rest(&self, chain: &KinematicChain, q: &PerJoint) -> Option<(usize, f64, f64)> {
         let still = JointMotion::rest(*q);
         let torques = self.torques(chain, &std::array::from_fn(|j| still.joint(j)));
@@ -216,8 +211,7 @@ impl TorqueScratch {
 /// Result of the proof.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TorqueVerdict {
-    /// The joint whose torque could not be proved, if any. None means that all keep their limits at every
-    /// instant.
+    /// The joint whose torque could not be proved, if any. None means that all keep their limits at every instant.
     pub blamed: Option<usize>,
     /// Evaluations of the dynamics.
     pub evaluations: u32,

@@ -83,8 +83,7 @@ fn samples_are_within_the_bound(payload: &[Payload; 2]) {
     assert!(closest[4] > 0.2 && closest[6] > 0.2, "{closest:?}");
 }
 
-/// A proved motion keeps its limits at a thousand instants. Most motions that are not proved do not keep
-/// them.
+/// A proved motion keeps its limits at a thousand instants. Most motions that are not proved do not keep them.
 #[test]
 fn proved_motion_keeps_torque_limits_and_most_refused_do_not() {
     let config = shipped();

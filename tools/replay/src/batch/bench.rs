@@ -1,5 +1,4 @@
-//! Measures poses per second on synthetic motion. Reads no files except the robot's and its weights, and writes
-//! none.
+//! Measures poses per second on synthetic motion. Reads no files except the robot's and its weights, and writes none.
 
 use super::cli::Cli;
 use super::postures::Postures;

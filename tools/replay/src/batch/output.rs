@@ -1,5 +1,4 @@
-//! Trajectory files. They are written next to their place and then renamed, so that a partial file never
-//! appears.
+//! Trajectory files. They are written next to their place and then renamed, so that a partial file never appears.
 
 use super::failed;
 use super::manifest::sha256_file;

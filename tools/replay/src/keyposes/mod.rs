@@ -42,8 +42,7 @@ enum Command {
 
 #[derive(Args, Debug)]
 struct Interpolate {
-    /// Poses: FILE.bvh:FRAME, FILE.bvh@TIME_S, or a name: rest, t-pose, hands-up, ... (see `keyposes
-    /// motions`).
+    /// Poses: FILE.bvh:FRAME, FILE.bvh@TIME_S, or a name: rest, t-pose, hands-up, ... (see `keyposes motions`).
     #[arg(required = true, num_args = 2..)]
     poses: Vec<String>,
     /// Time from each pose to the next, s, 0.05 to 60.
@@ -61,8 +60,7 @@ struct Interpolate {
     /// Levenberg-Marquardt steps after the network, 0 to 16.
     #[arg(long, default_value_t = 2)]
     refine_steps: u32,
-    /// Source of the elbow hinges of files: their first 10 s, all of them, the momentary elbow plane, the
-    /// rig.
+    /// Source of the elbow hinges of files: their first 10 s, all of them, the momentary elbow plane, the rig.
     #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
     calibration: CalibrationMode,
     /// The robot: a name of config/robots, or a robot file.

@@ -1,5 +1,4 @@
-//! Plays a recorded motion: live, as any client would, or offline through the same stages, as fast as the
-//! machine can.
+//! Plays a recorded motion: live, as any client would, or offline through the same stages, as fast as the machine can.
 
 mod compare;
 mod live;

@@ -1,5 +1,4 @@
-//! Words to motion, in the simplest complete form: finds the clip of a library whose caption is nearest to a
-//! sentence.
+//! Words to motion, in the simplest complete form: finds the clip of a library whose caption is nearest to a sentence.
 
 mod cli;
 mod encoder;

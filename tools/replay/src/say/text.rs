@@ -41,8 +41,7 @@ pub fn shown(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { char::REPLACEMENT_CHARACTER } else { c }).collect()
 }
 
-/// Returns JSON without control characters except line ends. serde_json leaves some control characters
-/// unescaped.
+/// Returns JSON without control characters except line ends. serde_json leaves some control characters unescaped.
 pub fn escaped(json: &str) -> String {
     let escaped = |c: char| c.is_control() && c != '\n';
     json.chars().map(|c| if escaped(c) { format!("\\u{:04x}", u32::from(c)) } else { c.to_string() }).collect()

@@ -49,8 +49,7 @@ fn stop_bounds_are_exact_to_the_unit() {
     }
 }
 
-/// The time-optimal stop in closed form, in `f64` as a sender computes it. Returns jerk and duration of its
-/// phases.
+/// The time-optimal stop in closed form, in `f64` as a sender computes it. Returns jerk and duration of its phases.
 fn sent_stop(v: f64, a: f64, a_max: f64, j_max: f64) -> [(f64, f64); 3] {
     let side = if v + a * a.abs() / (2.0 * j_max) < 0.0 { -1.0 } else { 1.0 };
     let (v, a) = (side * v, side * a);
@@ -133,8 +132,7 @@ fn seed_with_speed_left_does_not_come_to_rest() {
         assert_eq!(comes_to_rest(Point { q: 0, v: left, a: 0 }, &NONE), rests, "{left}");
         assert_eq!(comes_to_rest(Point { q: 0, v: 0, a: left }, &NONE), rests, "{left}");
     }
-    // The acceleration falls from 8 rad/s^2 at 80 rad/s^3 in 0.1 s. The velocity changes by 0.4 rad/s
-    // meanwhile.
+    // The acceleration falls from 8 rad/s^2 at 80 rad/s^3 in 0.1 s. The velocity changes by 0.4 rad/s meanwhile.
     let braked = Point { q: 0, v: -((1_i64 << 40) * 2 / 5), a: 8 << 40 };
     assert!(comes_to_rest(braked, &ramp));
     assert!(!comes_to_rest(Point { v: braked.v + (1 << 30), ..braked }, &ramp));
@@ -200,8 +198,7 @@ fn plan_is_quantised_or_refused() {
 /// Checks the played and the remaining part, phase by phase, to the end and beyond.
 #[test]
 fn stored_plan_is_played_to_its_end() {
-    // The acceleration falls from 8 rad/s^2 to zero in 10 ticks. Then 5 ticks and one more tick without jerk
-    // follow.
+    // The acceleration falls from 8 rad/s^2 to zero in 10 ticks. Then 5 ticks and one more tick without jerk follow.
     let jerk = -1500 * (8 << 40) / 10;
     let stop =
         [Phase { jerk, duration: 10 * TICK }, Phase { jerk: 0, duration: 5 * TICK }, Phase { jerk: 0, duration: TICK }];

@@ -1,8 +1,7 @@
 //! Tests the checks of one joint against exact physics, for every state of a small lattice.
 //!
-//! The unit of time is a tick. Positions of the lattice are multiples of `STEP` units, velocities of `STEP`
-//! units a tick, and accelerations of `STEP` units a tick^2. So the polynomials of constant jerk are exact in
-//! integers.
+//! The unit of time is a tick. Positions of the lattice are multiples of `STEP` units, velocities of `STEP` units a
+//! tick, and accelerations of `STEP` units a tick^2. So the polynomials of constant jerk are exact in integers.
 //!
 //! The judge below decides each limit over the whole phase. It takes the roots of those polynomials and
 //! compares squares in `i128`. It has no rounding, no bisection, and no code of the gate. Limits lie on the
@@ -16,8 +15,7 @@ use crate::gate::fixed::{Phase, Point, TICK};
 const STEP: i128 = 6144;
 /// Ticks per second.
 const HZ: i128 = 1500;
-/// The gate's slack, units: `check::SLACK`, and the jerk that it makes over a tick. Both are written out a
-/// second time.
+/// The gate's slack, units: `check::SLACK`, and the jerk that it makes over a tick. Both are written out a second time.
 const SLACK: i64 = 64;
 const JERK_SLACK: i128 = 96_000;
 /// Largest error of the gate's arithmetic, units.
@@ -168,8 +166,7 @@ fn velocity_stays_below(x: State, j: i128, end: i128, most: i128) -> bool {
     ends_hold && (!peaks || HZ * (2 * -j * x.v + x.a * x.a) <= 2 * -j * most)
 }
 
-/// Compares verdicts with the limits that are surely broken and those that may be. Counts the undecided
-/// cases.
+/// Compares verdicts with the limits that are surely broken and those that may be. Counts the undecided cases.
 #[derive(Debug, Default)]
 struct Tally {
     admitted: u64,
@@ -313,8 +310,7 @@ fn lattice_judge_matches_dense_samples() {
                 most_q = most_q.max(q as f64 + v * t + a * t * t / 2.0 + j * t * t * t / 6.0);
                 most_v = most_v.max(v + a * t + j * t * t / 2.0);
             }
-            // The walk misses at most |a| t^2 / 8 and |j| t^2 / 8 of a turning point, which is 5e-6 of a
-            // step.
+            // The walk misses at most |a| t^2 / 8 and |j| t^2 / 8 of a turning point, which is 5e-6 of a step.
             let unit = STEP as f64;
             let [above, below] =
                 [1.0, -1.0].map(|side| (most_q * unit + side - if side < 0.0 { 0.0 } else { -1.0 }) as i128);

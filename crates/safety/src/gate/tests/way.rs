@@ -160,8 +160,7 @@ fn clear_posture(model: &Model, rng: &mut Pcg64) -> [f64; JOINTS_MAX] {
         if least_m(model, &at(0.0)) < ASKED.least_m {
             continue;
         }
-        // The posture goes as far towards the other one as a few halvings find it clear, and back by a
-        // little.
+        // The posture goes as far towards the other one as a few halvings find it clear, and back by a little.
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..rng.random_range(1..12) {
             let middle = (low + high) / 2.0;
@@ -260,8 +259,7 @@ fn accepted_motion_with_lag_and_deviation_keeps_clearance() {
             continue;
         }
         for time in [0].into_iter().chain(sample_times(&stops)) {
-            // One controller lags. A pair that it moves alone is where the command was, and no sample was
-            // taken there.
+            // One controller lags. A pair that it moves alone is where the command was, and no sample was taken there.
             let (late, lag_s) = (rng.random_range(0..4), [0.01, rng.random_range(0.0..0.01)][rng.random_range(0..2)]);
             let q = std::array::from_fn(|j| {
                 let at = if controller[j] == late { time - (lag_s * TIME_UNITS) as i64 } else { time };
