@@ -1,7 +1,7 @@
 //! Reads the triangles of collision meshes: STL (binary and text), Wavefront OBJ and COLLADA.
 
 use crate::error::{CollisionError, read};
-use nalgebra::Vector3;
+use nalgebra::{Matrix4, Point3, Vector3};
 use roxmltree::{Document, Node};
 use std::path::Path;
 
@@ -10,8 +10,8 @@ pub type Points = Vec<Vector3<f64>>;
 
 /// Reads the triangles of a mesh file, in the file's frame and unit. A URDF's `scale` converts them to metres.
 ///
-/// COLLADA: geometries are taken as they are, as the ROS tools do, without the document's up axis. Node
-/// transforms and units other than the metre are rejected, not guessed.
+/// COLLADA: geometries stand where the nodes of the scene place them. As in the ROS tools, the document's up axis does
+/// not count. Units other than the metre are rejected, not guessed.
 pub fn read_mesh(path: &Path) -> Result<Vec<Points>, CollisionError> {
     let bytes = read(path)?;
     let text = || std::str::from_utf8(&bytes).map_err(|_| "is not UTF-8 text".to_owned());
@@ -91,16 +91,11 @@ fn stl(bytes: &[u8]) -> Result<Vec<Points>, String> {
     Ok(body.chunks_exact(50).map(triangle).collect())
 }
 
-/// Reads COLLADA: the `<triangles>` and the `<polylist>` of all geometries.
+/// Reads COLLADA: the `<triangles>` and the `<polylist>` of all geometries, where the nodes place them.
 fn dae(text: &str) -> Result<Vec<Points>, String> {
     let document = Document::parse(text).map_err(|error| error.to_string())?;
-    let mut triangles = Vec::new();
     for element in document.descendants() {
         match element.tag_name().name() {
-            "triangles" | "polylist" => read_primitive(element, &mut triangles)?,
-            tag @ ("matrix" | "translate" | "rotate" | "scale" | "skew" | "lookat") => {
-                return Err(format!("<{tag}> of a node is not supported"));
-            }
             tag @ ("polygons" | "trifans" | "tristrips") => return Err(format!("<{tag}> is not supported")),
             "unit" => match element.attribute("meter") {
                 Some(meter) if meter.parse::<f64>().unwrap_or(1.0) != 1.0 => {
@@ -111,7 +106,64 @@ fn dae(text: &str) -> Result<Vec<Points>, String> {
             _ => {}
         }
     }
+    let mut triangles = Vec::new();
+    for scene in document.descendants().filter(|element| element.has_tag_name("visual_scene")) {
+        read_node(scene, &Matrix4::identity(), &mut triangles)?;
+    }
+    // Without a scene, geometries are taken as they are.
+    if triangles.is_empty() {
+        read_geometry(document.root(), &Matrix4::identity(), &mut triangles)?;
+    }
     if triangles.is_empty() { Err("holds no triangles".into()) } else { Ok(triangles) }
+}
+
+/// Reads the geometries of a node and of the nodes below it. Their transforms stand before them.
+fn read_node<'a>(node: Node<'a, 'a>, above: &Matrix4<f64>, triangles: &mut Vec<Points>) -> Result<(), String> {
+    let mut pose = *above;
+    for child in node.children() {
+        match child.tag_name().name() {
+            tag @ ("matrix" | "translate" | "rotate" | "scale") => {
+                let numbers: Vec<f64> = numbers(child.text().unwrap_or_default())?;
+                pose *= match (tag, numbers.as_slice()) {
+                    ("matrix", rows) if rows.len() == 16 => Matrix4::from_row_slice(rows),
+                    ("translate", &[x, y, z]) => Matrix4::new_translation(&Vector3::new(x, y, z)),
+                    ("scale", &[x, y, z]) => Matrix4::new_nonuniform_scaling(&Vector3::new(x, y, z)),
+                    ("rotate", &[x, y, z, degrees]) => {
+                        Matrix4::new_rotation(Vector3::new(x, y, z).normalize() * degrees.to_radians())
+                    }
+                    _ => return Err(format!("<{tag}> of a node has {} numbers", numbers.len())),
+                };
+            }
+            tag @ ("skew" | "lookat" | "instance_controller" | "instance_node") => {
+                return Err(format!("<{tag}> of a node is not supported"));
+            }
+            "instance_geometry" => {
+                let geometry = child.attribute("url").and_then(|url| element_of(child, url));
+                read_geometry(geometry.ok_or("a geometry of a node is missing")?, &pose, triangles)?;
+            }
+            "node" => read_node(child, &pose, triangles)?,
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn read_geometry<'a>(geometry: Node<'a, 'a>, pose: &Matrix4<f64>, triangles: &mut Vec<Points>) -> Result<(), String> {
+    let first = triangles.len();
+    for element in
+        geometry.descendants().filter(|element| ["triangles", "polylist"].contains(&element.tag_name().name()))
+    {
+        read_primitive(element, triangles)?;
+    }
+    let place = |point: &mut Vector3<f64>| *point = pose.transform_point(&Point3::from(*point)).coords;
+    triangles[first..].iter_mut().flatten().for_each(place);
+    Ok(())
+}
+
+/// Returns the element that a reference such as `#name` names.
+fn element_of<'a>(from: Node<'a, 'a>, reference: &str) -> Option<Node<'a, 'a>> {
+    let id = reference.trim_start_matches('#');
+    from.document().descendants().find(|element| element.attribute("id") == Some(id))
 }
 
 fn children<'a>(parent: Node<'a, 'a>, tag: &'a str) -> impl Iterator<Item = Node<'a, 'a>> {
@@ -121,8 +173,7 @@ fn children<'a>(parent: Node<'a, 'a>, tag: &'a str) -> impl Iterator<Item = Node
 /// Returns the element that an `<input>` of this meaning names.
 fn input<'a>(parent: Node<'a, 'a>, semantic: &str) -> Option<Node<'a, 'a>> {
     let input = children(parent, "input").find(|input| input.attribute("semantic") == Some(semantic))?;
-    let id = input.attribute("source")?.trim_start_matches('#');
-    parent.document().descendants().find(|element| element.attribute("id") == Some(id))
+    element_of(parent, input.attribute("source")?)
 }
 
 /// Reads a `<triangles>` or a `<polylist>`.

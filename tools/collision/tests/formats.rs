@@ -119,6 +119,14 @@ fn collada_mesh_is_read_and_another_unit_is_refused() {
     assert_contained(&folder, &MESH.replace("NAME", "wedge.dae"), WEDGE_M3);
     let polygons = text.replace("triangles", "polylist").replace("<p>", "<vcount>3 3 3 3</vcount><p>");
     assert_is_the_wedge(&read_mesh(&write(&folder, "polygons.dae", polygons.as_bytes())).unwrap());
+    // The node's frame is turned by 90 deg about x and shifted, and the geometry is shifted back below it.
+    let node = "<library_visual_scenes><visual_scene><node><translate>0 0 1</translate><rotate>1 0 0 90</rotate><node>\
+                <matrix>1 0 0 0  0 0 1 -1  0 -1 0 0  0 0 0 1</matrix><instance_geometry url=\"#g\"/></node></node></visual_scene>\
+                </library_visual_scenes></COLLADA>";
+    let placed = text.replace("<geometry>", "<geometry id=\"g\">").replace("</COLLADA>", node);
+    assert_is_the_wedge(&read_mesh(&write(&folder, "placed.dae", placed.as_bytes())).unwrap());
+    let skewed = placed.replace("<matrix>", "<skew>45 0 1 0 1 0 0</skew><matrix>");
+    assert!(read_mesh(&write(&folder, "skewed.dae", skewed.as_bytes())).unwrap_err().to_string().contains("<skew>"));
     let missing = text.replace("<p>0 ", "<p>4 ");
     assert!(read_mesh(&write(&folder, "missing.dae", missing.as_bytes())).is_err());
     let inches = text.replace("meter=\"1\"", "meter=\"0.0254\"");
