@@ -4,7 +4,7 @@ use crate::check::worst_point;
 use crate::error::CollisionError;
 use crate::first::Tree;
 use crate::fit::Shape;
-use crate::scene::{Posture, Scene};
+use crate::scene::{Posture, Scene, has_shapes};
 use crate::split::Matter;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -62,10 +62,10 @@ pub fn cover(
     if let Some(link) = without.iter().find(|name| !urdf.links.iter().any(|link| &link.name == *name)) {
         return Err(CollisionError::content(&urdf.name, format!("has no link `{link}` to leave out")));
     }
-    let of_robot = |link: &&urdf_rs::Link| !link.collision.is_empty() && !without.contains(&link.name);
+    let of_robot = |link: &&urdf_rs::Link| has_shapes(link) && !without.contains(&link.name);
     let shaped: Vec<_> = urdf.links.iter().filter(of_robot).collect();
     if shaped.is_empty() {
-        let cause = "no link has a collision shape; give the manufacturer's URDF with --urdf";
+        let cause = "no link has a shape; give the manufacturer's URDF with --urdf";
         return Err(CollisionError::content(&urdf.name, cause));
     }
     let judged = |link: &&urdf_rs::Link| judge(&tree, &scene, &palms, &link.name);

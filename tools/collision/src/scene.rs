@@ -23,6 +23,11 @@ pub struct Scene<'a> {
     round: bool,
 }
 
+/// Returns true if a link has shapes, for collisions or else for drawing.
+pub fn has_shapes(link: &urdf_rs::Link) -> bool {
+    !link.collision.is_empty() || !link.visual.is_empty()
+}
+
 /// Joint positions by name, rad or m.
 pub type Posture = HashMap<String, f64>;
 
@@ -215,12 +220,16 @@ impl<'a> Scene<'a> {
         let found = self.robot.links.iter().find(|known| known.name == link);
         let found = found.ok_or_else(|| self.wrong(format!("has no link `{link}`")))?;
         let mut polygons = Vec::new();
-        for (index, element) in found.collision.iter().enumerate() {
+        let collision = found.collision.iter().map(|element| (&element.origin, &element.geometry));
+        // Drawn shapes stand in for a link that has no others.
+        let drawn = found.visual.iter().map(|element| (&element.origin, &element.geometry));
+        let drawn = drawn.filter(|_| found.collision.is_empty());
+        for (index, (origin, geometry)) in collision.chain(drawn).enumerate() {
             if elements.is_some_and(|chosen| !chosen.contains(&index)) {
                 continue;
             }
-            let pose = Pose::from_xyz_rpy(*element.origin.xyz, *element.origin.rpy);
-            polygons.extend(place(&self.geometry(link, &element.geometry)?, &pose));
+            let pose = Pose::from_xyz_rpy(*origin.xyz, *origin.rpy);
+            polygons.extend(place(&self.geometry(link, geometry)?, &pose));
         }
         Ok(polygons)
     }
