@@ -53,6 +53,9 @@ pub enum AllowedReason {
     /// The collision tool has proved that they keep the clearance over the whole box of the position limits
     /// in force.
     ProvedClear,
+    /// The collision tool has proved that they overlap in the maker's own description, in every posture within the
+    /// position limits in force. So no command could keep a clearance, and nothing keeps them apart.
+    OverlapAsPublished,
 }
 
 /// Two capsules that are not checked against each other, with `a < b`.
@@ -131,9 +134,12 @@ pub(crate) fn read_pairs(
     parent_body: impl Fn(usize) -> Option<usize>,
 ) -> Result<(Vec<Pair>, Vec<AllowedPair>), RobotError> {
     let mut reasons: BTreeMap<Pair, AllowedReason> = BTreeMap::new();
-    let tables = [(AllowedReason::Adjacent, &allowed.adjacent), (AllowedReason::ProvedClear, &allowed.proved_clear)];
-    for (reason, table) in tables {
-        let table_name = if reason == AllowedReason::Adjacent { "adjacent" } else { "proved_clear" };
+    let tables = [
+        (AllowedReason::Adjacent, "adjacent", &allowed.adjacent),
+        (AllowedReason::ProvedClear, "proved_clear", &allowed.proved_clear),
+        (AllowedReason::OverlapAsPublished, "overlap_as_published", &allowed.overlap_as_published),
+    ];
+    for (reason, table_name, table) in tables {
         let find = |name: &str| {
             let known = capsules.iter().position(|capsule| capsule.name == name);
             known.ok_or_else(|| RobotError::unknown(file, format!("collision.allowed.{table_name}"), name, "a capsule"))

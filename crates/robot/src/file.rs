@@ -198,6 +198,8 @@ pub(crate) struct CapsuleEntry {
 pub(crate) struct Allowed {
     pub(crate) adjacent: BTreeMap<String, Vec<String>>,
     pub(crate) proved_clear: BTreeMap<String, Vec<String>>,
+    #[serde(default)]
+    pub(crate) overlap_as_published: BTreeMap<String, Vec<String>>,
 }
 
 /// The one key that every format has.

@@ -59,18 +59,25 @@ impl Model {
     /// base_from_body = base_from_parent * (parent_from_joint * motion(q)), parents before children.
     pub fn forward(&self, q: &[f64; JOINTS_MAX], out: &mut Frames) {
         out.base_from_body[0] = Pose::identity();
-        for (j, joint) in self.joint_frames.iter().enumerate() {
-            let parent = out.base_from_body[joint.parent];
-            out.base_from_body[j + 1] = match &joint.motion {
-                Motion::Turn { fixed, sine, cosine } => {
-                    let (sin, cos) = q[j].sin_cos();
-                    Pose { r: parent.r * (fixed + sine * sin + cosine * cos), t: parent.r * joint.offset + parent.t }
-                }
-                Motion::Slide { rotation, direction } => {
-                    Pose { r: parent.r * rotation, t: parent.r * (joint.offset + direction * q[j]) + parent.t }
-                }
-            };
+        for j in 0..self.joint_frames.len() {
+            self.forward_joint(j, q[j], out);
         }
+    }
+
+    /// Computes the pose of the body of joint `j` at position `q` (rad, m). That of its parent must be right in `out`.
+    #[inline]
+    pub fn forward_joint(&self, j: usize, q: f64, out: &mut Frames) {
+        let joint = &self.joint_frames[j];
+        let parent = out.base_from_body[joint.parent];
+        out.base_from_body[j + 1] = match &joint.motion {
+            Motion::Turn { fixed, sine, cosine } => {
+                let (sin, cos) = q.sin_cos();
+                Pose { r: parent.r * (fixed + sine * sin + cosine * cos), t: parent.r * joint.offset + parent.t }
+            }
+            Motion::Slide { rotation, direction } => {
+                Pose { r: parent.r * rotation, t: parent.r * (joint.offset + direction * q) + parent.t }
+            }
+        };
     }
 
     /// Jacobian of a point that is fixed to `body` and now lies at `point` of the base frame, m. Column j is

@@ -31,6 +31,8 @@ pub struct Near {
     /// Least distance of the surfaces in sampled postures, m. It is absent with a proof, and with more joints between.
     least_m: Option<f64>,
     proof: Option<Proof>,
+    /// Joints between them, if all keep a posture. Otherwise empty.
+    keeping: Vec<String>,
 }
 
 impl Near {
@@ -41,8 +43,8 @@ impl Near {
 
     /// Returns true if more capsules can help.
     pub fn can_be_cut(&self) -> bool {
-        let at_home = self.home_m < self.needed_m && self.surfaces_m.is_none_or(|distance| distance >= self.needed_m);
-        !self.is_close() && (at_home || self.share.is_some_and(|share| share > SHARE_CUT))
+        let near = self.home_m < self.needed_m || self.share.is_some_and(|share| share > SHARE_CUT);
+        near && !self.is_close() && self.surfaces_m.is_none_or(|distance| distance >= self.needed_m)
     }
 
     /// Says what is near, and by how much.
@@ -66,7 +68,12 @@ impl Near {
                 if let Some(least) = self.least_m {
                     text += &format!(", and {:.1} mm in the worst sampled posture", least * mm);
                 }
-                text + ". It stays a checked pair"
+                text += ". It stays a checked pair";
+                if !self.keeping.is_empty() {
+                    let names = self.keeping.join(", ");
+                    text += &format!(". Narrow the ranges of {names} under [tighten], or list them under [held_rad]");
+                }
+                text
             }
         }
     }
@@ -114,18 +121,22 @@ fn near(judge: &Judge<'_>, bodies: &[Capsule], frames: &Frames, pair: [usize; 2]
     let joints: Vec<usize> = of_a.into_iter().chain(of_b).collect();
     let share = (joints.len() == 2).then(|| near_share(model, a, b, &joints));
     let home_m = clearance(frames, a, b);
-    if home_m >= model.d_min_m && share.is_none_or(|share| share <= SHARE) || judge.prove(first, second).is_some() {
+    if home_m >= model.d_min_m && share.is_none_or(|share| share <= SHARE) || judge.decide(first, second).is_some() {
         return None;
     }
     let proof = judge.prove_close(first, second);
-    let surfaces_m = judge.distance_m(first, second, frames);
+    let surfaces_m = judge.distance_m(first, second, frames, f64::INFINITY);
     let unknown = proof.is_none() && joints.len() == 2;
     let least_m = unknown.then(|| {
-        let distances = postures(model, &joints).filter_map(|frames| judge.distance_m(first, second, &frames));
-        distances.fold(f64::INFINITY, f64::min)
+        let nearer = |least_m: f64, frames| {
+            judge.distance_m(first, second, &frames, least_m).map_or(least_m, |m| m.min(least_m))
+        };
+        postures(model, &joints).fold(f64::INFINITY, nearer)
     });
     let names = [a.name.clone(), b.name.clone()];
-    Some(Near { pair, names, home_m, surfaces_m, needed_m: model.d_min_m, share, least_m, proof })
+    let keeping = if judge.keep_posture(first, second) { joints } else { Vec::new() };
+    let keeping = keeping.into_iter().map(|j| model.joint_names[j].clone()).collect();
+    Some(Near { pair, names, home_m, surfaces_m, needed_m: model.d_min_m, share, least_m, proof, keeping })
 }
 
 /// Returns the share of the joints' postures in which two capsules are closer than the clearance.

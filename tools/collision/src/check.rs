@@ -114,6 +114,8 @@ pub struct Reason {
     pub names: (String, String),
     pub reason: AllowedReason,
     pub proof: Option<Proof>,
+    /// Proved to overlap everywhere.
+    pub overlaps: bool,
 }
 
 impl Reason {
@@ -121,6 +123,7 @@ impl Reason {
         match self.reason {
             AllowedReason::SameBody | AllowedReason::Adjacent => true,
             AllowedReason::ProvedClear => self.proof.is_some(),
+            AllowedReason::OverlapAsPublished => self.overlaps,
         }
     }
 }
@@ -134,7 +137,11 @@ pub fn reasons(model: &Model, judge: &Judge<'_>, names: &[String]) -> Vec<Reason
             (AllowedReason::ProvedClear, Some(first), Some(second)) => judge.prove(first, second),
             _ => None,
         };
-        Reason { names: (a, b), reason: pair.reason, proof }
+        let overlaps = match (pair.reason, index(&a), index(&b)) {
+            (AllowedReason::OverlapAsPublished, Some(first), Some(second)) => judge.prove_overlap(first, second),
+            _ => false,
+        };
+        Reason { names: (a, b), reason: pair.reason, proof, overlaps }
     };
     model.allowed.iter().map(reason).collect()
 }

@@ -11,15 +11,16 @@
 
 use crate::blocking_pairs::{Finder, Near};
 use crate::error::CollisionError;
-use crate::fit::rough_volume_m3;
+use crate::fit::{Shape, rough_capsule};
 use crate::plan::{Finger, Group, Part, Plan};
-use crate::scene::{Posture, Scene};
+use crate::scene::{Posture, Scene, has_shapes};
 use crate::split::Splitter;
 use crate::write::{Named, named};
 use messages::ARM_JOINTS;
 use nalgebra::Vector3;
 use rayon::prelude::*;
-use robot::{CAPSULES_MAX, Model};
+use robot::{CAPSULES_MAX, Frames, Model};
+use rt::err;
 use std::path::Path;
 use urdf_rs::JointType;
 
@@ -43,6 +44,8 @@ const ROUNDS: usize = 12;
 #[derive(Clone, Debug)]
 pub struct First {
     pub plan: Plan,
+    /// The capsules of the plan, as `fit_all` makes them.
+    pub capsules: Vec<Named>,
     pub notes: Vec<String>,
 }
 
@@ -76,10 +79,10 @@ pub fn first_plan(
     let mut drafts: Vec<Draft> = groups.into_par_iter().map(draft).collect::<Result<_, CollisionError>>()?;
     drafts.par_iter_mut().for_each(|draft| cut_fat(&mut draft.splitter));
     let mut plan = Plan::of_groups(Vec::new());
-    let notes = cut_near(model, &scene, &mut plan, &mut drafts)?;
+    let (capsules, notes) = cut_near(model, &scene, &mut plan, &mut drafts)?;
     plan.groups = drafts.into_iter().map(Draft::planned).collect();
     plan.fingers = fingers;
-    Ok(First { plan, notes })
+    Ok(First { plan, capsules, notes })
 }
 
 impl Draft {
@@ -131,7 +134,7 @@ impl Tree<'_> {
     /// Returns the links of the arms' ends from which hands hang: the parents of their first joints.
     pub(crate) fn palms(&self) -> Result<Vec<String>, CollisionError> {
         let mut palms: Vec<String> = Vec::new();
-        for link in self.urdf.links.iter().filter(|link| !link.collision.is_empty()) {
+        for link in self.urdf.links.iter().filter(|link| has_shapes(link)) {
             let Some(first) = self.uncommanded(&link.name).pop() else { continue };
             let palm = &first.parent.link;
             let body = self.body(palm)?;
@@ -171,7 +174,7 @@ impl Tree<'_> {
 
     /// Returns the links that have shapes, without the hands.
     fn shaped(&self, palms: &[String], scene: &Scene<'_>) -> Result<Vec<Shaped>, CollisionError> {
-        let with_shapes = self.urdf.links.iter().filter(|link| !link.collision.is_empty());
+        let with_shapes = self.urdf.links.iter().filter(|link| has_shapes(link));
         let own: Vec<_> = with_shapes.filter(|link| !self.below(&link.name, palms)).collect();
         let shaped = |link: &&urdf_rs::Link| {
             let (body, link) = (self.body(&link.name)?, link.name.clone());
@@ -198,7 +201,7 @@ impl Tree<'_> {
 
 /// Groups links of one body whose common capsule is hardly larger than their own.
 fn merged(links: Vec<Shaped>, tree: &Tree<'_>) -> Result<Vec<Group>, CollisionError> {
-    let volume = |points: &[Vector3<f64>]| rough_volume_m3(points).unwrap_or(0.0);
+    let volume = |points: &[Vector3<f64>]| rough_capsule(points).map_or(0.0, |shape| shape.volume_m3());
     let group = |shaped: Shaped| {
         let volume = volume(&shaped.points);
         Ok((tree.group(&shaped.link)?, shaped, volume))
@@ -249,16 +252,18 @@ fn is_fat(splitter: &Splitter, at: usize) -> bool {
     cell.shape.volume_m3() > SAVED_M3 && cell.volume_ratio() > VOLUME_RATIO
 }
 
-/// Cuts capsules that are too near others, and names the pairs that are built close. Returns notes about the pairs
-/// that stay near.
+/// Cuts capsules that are too near others, and names the pairs that are built close. Returns the capsules, and notes about
+/// the pairs that stay near.
 fn cut_near(
     model: &Model,
     scene: &Scene<'_>,
     plan: &mut Plan,
     drafts: &mut [Draft],
-) -> Result<Vec<String>, CollisionError> {
+) -> Result<(Vec<Named>, Vec<String>), CollisionError> {
     let mut finder = Finder::default();
-    for round in 0.. {
+    let mut round = 0;
+    loop {
+        round += 1;
         let mut capsules: Vec<Named> = Vec::new();
         let mut cells: Vec<(usize, usize)> = Vec::new();
         for (index, draft) in drafts.iter().enumerate() {
@@ -269,15 +274,17 @@ fn cut_near(
         plan.close = near.iter().filter(|near| near.is_close()).map(|near| near.names.clone()).collect();
         let mut cut = false;
         let mut touched: Vec<usize> = Vec::new();
+        let blocking = near.iter().filter(|near| near.can_be_cut()).count();
+        err!("round {round}: {} capsules, {blocking} pairs too near", capsules.len());
         for near in near.iter().filter(|near| near.can_be_cut()) {
-            let room = capsules.len() + touched.len() < CAPSULES_MAX && round < ROUNDS;
+            let room = capsules.len() + 2 * touched.len() + 1 < CAPSULES_MAX && round <= ROUNDS;
             let both = near.pair.map(|capsule| cells[capsule]);
             if !room || both.iter().any(|(draft, _)| touched.contains(draft)) {
                 continue;
             }
             let free = both.into_iter().filter(|(draft, _)| drafts[*draft].splitter.cells().len() < CELLS_MAX);
             let free: Vec<(usize, usize)> = free.collect();
-            let savings = free.into_iter().filter_map(|(draft, cell)| {
+            let savings = free.iter().filter_map(|&(draft, cell)| {
                 let saved = drafts[draft].splitter.saving_m3(cell)?;
                 let enough = SAVED_NEAR_SHARE * drafts[draft].splitter.cells()[cell].shape.volume_m3();
                 (saved > enough).then_some((saved, draft, cell))
@@ -285,11 +292,33 @@ fn cut_near(
             if let Some((_, draft, cell)) = savings.max_by(|a, b| a.0.total_cmp(&b.0)) {
                 cut |= drafts[draft].splitter.cut(cell);
                 touched.push(draft);
+            } else if let Some(draft) = cut_away(model, drafts, &capsules, near.pair, both) {
+                cut = true;
+                touched.push(draft);
             }
         }
         if !cut {
-            return Ok(near.iter().map(Near::sentence).collect());
+            return Ok((capsules, near.iter().map(Near::sentence).collect()));
         }
     }
-    Ok(Vec::new())
+}
+
+/// Cuts one capsule of a pair, so that both are farther apart at home. Returns its draft.
+fn cut_away(
+    model: &Model,
+    drafts: &mut [Draft],
+    capsules: &[Named],
+    pair: [usize; 2],
+    cells: [(usize, usize); 2],
+) -> Option<usize> {
+    let mut frames = Frames::default();
+    model.forward(&model.home, &mut frames);
+    [0, 1].into_iter().find_map(|own| {
+        let ((draft, cell), [named, other]) = (cells[own], [own, 1 - own].map(|side| &capsules[pair[side]]));
+        let pose = |named: &Named| model.link_pose(&frames, &named.link);
+        let own_from_other = pose(named)?.inverse().compose(&pose(other)?);
+        let place = |point| own_from_other.transform_point(point);
+        let other = Shape { a: place(&other.shape.a), b: place(&other.shape.b), radius_m: other.shape.radius_m };
+        drafts[draft].splitter.cut_away(cell, &other, CELLS_MAX).then_some(draft)
+    })
 }

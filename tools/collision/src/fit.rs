@@ -19,9 +19,18 @@ impl Shape {
         std::f64::consts::PI * r * r * ((self.b - self.a).norm() + 4.0 / 3.0 * r)
     }
 
+    /// Returns the distance of two capsules, m. It is negative if they overlap.
+    pub fn clearance_m(&self, other: &Self) -> f64 {
+        segment_distance(&self.a, &self.b, &other.a, &other.b).distance_m - self.radius_m - other.radius_m
+    }
+
     /// Returns how far a point lies outside, m. It is negative inside.
     pub fn outside_m(&self, point: &Vector3<f64>) -> f64 {
-        segment_distance(&self.a, &self.b, point, point).distance_m - self.radius_m
+        let (along, from_point) = (self.b - self.a, self.a - point);
+        let squared = |place: f64| (from_point + along * place).norm_squared();
+        let length = along.norm_squared();
+        let foot = if length > 0.0 { (-along.dot(&from_point) / length).clamp(0.0, 1.0) } else { 0.0 };
+        squared(0.0).min(squared(1.0)).min(squared(foot)).sqrt() - self.radius_m
     }
 }
 
@@ -57,15 +66,16 @@ pub fn smallest_capsule(points: &[Vector3<f64>], slimness: f64) -> Option<Shape>
     best.map(|(_, x)| enclosing_capsule(points, &x))
 }
 
-/// Returns roughly the volume of the smallest capsule, m^3, much faster. `None` without points.
-pub fn rough_volume_m3(points: &[Vector3<f64>]) -> Option<f64> {
+/// Returns roughly the smallest capsule around points, much faster. It contains the extreme ones. `None` without points.
+pub fn rough_capsule(points: &[Vector3<f64>]) -> Option<Shape> {
     if points.is_empty() {
         return None;
     }
     let extreme = extremes(points, DIRECTIONS_ROUGH);
     let (center, axes) = principal_axes(&extreme);
-    let volume = |axis| simplex(&|x| cost(&extreme, x, 0.0), along(&extreme, &center, axis), 0.02).0;
-    axes.iter().map(volume).min_by(f64::total_cmp)
+    let found = |axis| simplex(&|x| cost(&extreme, x, 0.0), along(&extreme, &center, axis), 0.02);
+    let best = axes.iter().map(found).min_by(|a, b| a.0.total_cmp(&b.0));
+    best.map(|(_, x)| enclosing_capsule(&extreme, &x))
 }
 
 /// Returns the capsule about the axis `x` = (a, b) that contains all points.
@@ -81,25 +91,52 @@ fn cost(points: &[Vector3<f64>], x: &[f64; 6], slimness: f64) -> f64 {
     shape.volume_m3() * shape.radius_m.powf(slimness)
 }
 
+/// Points of one box, which are looked at together: neighbours in a file are neighbours in space (chosen).
+const BOXED: usize = 64;
+
 /// Returns the extreme points in evenly spread directions (a Fibonacci spiral).
 fn extremes(points: &[Vector3<f64>], directions: usize) -> Vec<Vector3<f64>> {
     if points.len() <= directions {
         return points.to_vec();
     }
+    let boxes: Vec<(Vector3<f64>, Vector3<f64>)> = points.chunks(BOXED).map(middle_and_half).collect();
     let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     let mut chosen: Vec<usize> = (0..directions)
         .map(|i| {
             let z = 1.0 - (2.0 * i as f64 + 1.0) / directions as f64;
             let (sin, cos) = (golden * i as f64).sin_cos();
             let r = (1.0 - z * z).sqrt();
-            let direction = Vector3::new(r * cos, r * sin, z);
-            let extreme = points.iter().enumerate().max_by(|a, b| a.1.dot(&direction).total_cmp(&b.1.dot(&direction)));
-            extreme.map_or(0, |(at, _)| at)
+            extreme(points, &boxes, &Vector3::new(r * cos, r * sin, z))
         })
         .collect();
     chosen.sort_unstable();
     chosen.dedup();
     chosen.into_iter().map(|at| points[at]).collect()
+}
+
+/// Returns the index of the last point that is farthest in a direction. It leaves out boxes that end before.
+fn extreme(points: &[Vector3<f64>], boxes: &[(Vector3<f64>, Vector3<f64>)], direction: &Vector3<f64>) -> usize {
+    let (mut at, mut most) = (0, f64::NEG_INFINITY);
+    for (index, (middle, half)) in boxes.iter().enumerate() {
+        // The two small numbers are far more than rounding.
+        if middle.dot(direction) + half.dot(&direction.abs()) * (1.0 + 1e-9) + 1e-12 < most {
+            continue;
+        }
+        let first = index * BOXED;
+        for (offset, point) in points[first..].iter().take(BOXED).enumerate() {
+            let place = point.dot(direction);
+            if place >= most {
+                (at, most) = (first + offset, place);
+            }
+        }
+    }
+    at
+}
+
+fn middle_and_half(points: &[Vector3<f64>]) -> (Vector3<f64>, Vector3<f64>) {
+    let low = points.iter().fold(points[0], |low, point| low.inf(point));
+    let high = points.iter().fold(points[0], |high, point| high.sup(point));
+    ((low + high) * 0.5, (high - low) * 0.5)
 }
 
 pub fn principal_axes(points: &[Vector3<f64>]) -> (Vector3<f64>, [Vector3<f64>; 3]) {

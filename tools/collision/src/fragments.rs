@@ -9,6 +9,8 @@ use robot::{Hull, Pose};
 const SIDE_M: f64 = 0.004;
 /// A flat fragment is made this thick, m. Its hull would have no volume.
 const THICK_M: f64 = 1e-4;
+/// A distance that need not be known is at least this much more than enough, m (chosen).
+const ENOUGH_M: f64 = 1e-3;
 
 /// The fragments of a capsule's contents, in one frame. The first node contains all others.
 pub struct Fragments(Vec<Node>);
@@ -62,43 +64,46 @@ impl Fragments {
         Some(node)
     }
 
-    pub fn distance_m(&self, pose: &Pose, other: &Self, other_pose: &Pose) -> f64 {
-        let centers = |of: &Self, pose: &Pose| of.0.iter().map(|node| pose.transform_point(&node.center)).collect();
-        let pair = Pair { a: (self, pose, centers(self, pose)), b: (other, other_pose, centers(other, other_pose)) };
-        pair.least(0, 0, f64::INFINITY)
+    /// Returns the distance of two sets of fragments, m. If it is above `enough_m`, the result is a lower bound above that.
+    pub fn distance_m(&self, pose: &Pose, other: &Self, other_pose: &Pose, enough_m: f64) -> f64 {
+        let pair = Pair { a: self, b: other, a_from_b: pose.inverse().compose(other_pose) };
+        pair.least(0, 0, enough_m + ENOUGH_M)
     }
 }
 
-/// Two sets of fragments with their poses and the centres of their nodes in the common frame.
+/// Two sets of fragments, and how the second lies to the first.
 struct Pair<'a> {
-    a: (&'a Fragments, &'a Pose, Points),
-    b: (&'a Fragments, &'a Pose, Points),
+    a: &'a Fragments,
+    b: &'a Fragments,
+    a_from_b: Pose,
 }
 
 impl Pair<'_> {
     /// Spheres bound the distance of two nodes from below.
     fn bound(&self, a: usize, b: usize) -> f64 {
-        (self.a.2[a] - self.b.2[b]).norm() - self.a.0.0[a].radius_m - self.b.0.0[b].radius_m
+        let (a, b) = (&self.a.0[a], &self.b.0[b]);
+        (a.center - self.a_from_b.transform_point(&b.center)).norm() - a.radius_m - b.radius_m
     }
 
     /// Returns the distance of two nodes, or `best` if that is less.
     fn least(&self, a: usize, b: usize, best: f64) -> f64 {
-        if self.bound(a, b) >= best {
-            return best;
-        }
-        let (node_a, node_b) = (&self.a.0.0[a], &self.b.0.0[b]);
-        let mut pairs = match (&node_a.inside, &node_b.inside) {
+        let (node_a, node_b) = (&self.a.0[a], &self.b.0[b]);
+        let pairs = match (&node_a.inside, &node_b.inside) {
             (Inside::Fragment(hull_a), Inside::Fragment(hull_b)) => {
-                return best.min(hull_a.distance_m(self.a.1, hull_b, self.b.1));
+                return best.min(hull_a.distance_m(&Pose::identity(), hull_b, &self.a_from_b));
             }
             (Inside::Nodes(of_a), Inside::Nodes(_)) if node_a.radius_m >= node_b.radius_m => of_a.map(|a| (a, b)),
             (Inside::Nodes(of_a), Inside::Fragment(_)) => of_a.map(|a| (a, b)),
             (_, Inside::Nodes(of_b)) => of_b.map(|b| (a, b)),
         };
-        if self.bound(pairs[1].0, pairs[1].1) < self.bound(pairs[0].0, pairs[0].1) {
-            pairs.swap(0, 1);
+        let mut bounds = pairs.map(|(a, b)| (self.bound(a, b), a, b));
+        if bounds[1].0 < bounds[0].0 {
+            bounds.swap(0, 1);
         }
-        pairs.iter().fold(best, |best, (a, b)| self.least(*a, *b, best))
+        let nearer = |best: f64, (bound, a, b): &(f64, usize, usize)| {
+            if *bound < best && best > 0.0 { self.least(*a, *b, best) } else { best }
+        };
+        bounds.iter().fold(best, nearer)
     }
 }
 

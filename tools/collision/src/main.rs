@@ -90,6 +90,8 @@ type NamedText = (String, String);
 
 struct Texts {
     plan: Plan,
+    /// The capsules of a plan that the tool made.
+    first: Option<Vec<Named>>,
     notes: Vec<String>,
     shapes: urdf_rs::Robot,
     held: Posture,
@@ -117,15 +119,15 @@ fn read_all(source: &Source) -> Result<Texts, CollisionError> {
     let shapes = parse_all(&source.urdf)?;
     let (toml, urdf) = robot_texts(&source.robot)?;
     let (base_link, held) = held(&toml)?;
-    let (plan, notes) = match &source.plan {
-        Some(path) => (Plan::parse(&path.display().to_string(), &read_text(path)?)?, Vec::new()),
+    let (plan, first, notes) = match &source.plan {
+        Some(path) => (Plan::parse(&path.display().to_string(), &read_text(path)?)?, None, Vec::new()),
         None => {
             let model = bare_model(&base_link, (&toml.0, &toml.1), (&urdf.0, &urdf.1))?;
             let first = first_plan(&model, &shapes, source.meshes.as_deref(), &held)?;
-            (first.plan, first.notes)
+            (first.plan, Some(first.capsules), first.notes)
         }
     };
-    Ok(Texts { plan, notes, shapes, held, toml, urdf })
+    Ok(Texts { plan, first, notes, shapes, held, toml, urdf })
 }
 
 /// Returns a robot file's base link, and the positions of the joints that nothing commands.
@@ -173,13 +175,20 @@ fn write_text(path: &Path, text: &str) -> Result<(), CollisionError> {
 }
 
 fn fit(source: &Source, out: Option<&Path>, plan_out: Option<&Path>) -> Result<bool, CollisionError> {
-    let texts = read_all(source)?;
+    let mut texts = read_all(source)?;
     texts.notes.iter().for_each(|note| err!("{note}"));
     if let Some(path) = plan_out {
         write_text(path, &texts.plan.text())?;
     }
-    let scene = texts.scene(source);
-    let capsules = fit_all(&texts.plan, &scene)?;
+    let drawn = texts.shapes.links.iter().filter(|link| link.collision.is_empty() && !link.visual.is_empty());
+    let drawn: Vec<&str> = drawn.map(|link| link.name.as_str()).collect();
+    if !drawn.is_empty() {
+        err!("enclosed as drawn, for want of a collision shape: {}", drawn.join(", "));
+    }
+    let capsules = match texts.first.take() {
+        Some(capsules) => capsules,
+        None => fit_all(&texts.plan, &texts.scene(source))?,
+    };
     if capsules.is_empty() {
         let cause = "no link has a collision shape: give --meshes, or the manufacturer's URDF";
         return Err(CollisionError::content(source.urdf[0].display().to_string(), cause));
@@ -207,20 +216,42 @@ fn fit(source: &Source, out: Option<&Path>, plan_out: Option<&Path>) -> Result<b
     ratios.sort_by(f64::total_cmp);
     err!("{} capsules, median volume ratio {:.2}", ratios.len(), ratios[ratios.len() / 2]);
     let (toml, urdf) = (&texts.toml, &texts.urdf);
+    check_arms(&bare_model(&capsules[0].link, (&toml.0, &toml.1), (&urdf.0, &urdf.1))?, &capsules, source)?;
     let decided = robot_file(&texts.plan, &capsules, (&toml.0, &toml.1), (&urdf.0, &urdf.1))?;
     for (a, b, clearance_m) in &decided.near_home {
         err!("near at home: {a} - {b} {:.1} mm", clearance_m * 1e3);
     }
+    // An invalid file is written too, so that it can be inspected.
     let text = decided.text;
+    let model = Model::from_text(&toml.0, &text, &urdf.0, &urdf.1);
     match out {
         Some(path) => write_text(path, &text)?,
         None => out!("{text}"),
     }
-    // This comes last, so that an invalid file can be inspected.
-    let model = Model::from_text(&toml.0, &text, &urdf.0, &urdf.1)?;
+    let model = model?;
     summary(&model);
     model.check_guarded()?;
     Ok(true)
+}
+
+/// Checks that each part of an arm has a capsule. Otherwise it could collide unseen.
+fn check_arms(model: &Model, capsules: &[Named], source: &Source) -> Result<(), CollisionError> {
+    let bodies: Vec<usize> = capsules.iter().filter_map(|named| Some(model.link_body(&named.link)?.0)).collect();
+    for (side, arm) in ["left", "right"].into_iter().zip(&model.arms) {
+        for (part, joints) in [("upper arm", 0..3), ("forearm", 3..5), ("hand", 5..7)] {
+            let moved = |body: usize| arm.joints[joints.clone()].iter().any(|j| j + 1 == body);
+            if !bodies.iter().any(|body| moved(*body)) {
+                let links = model.links().filter(|(_, body, _)| moved(*body)).map(|(name, ..)| name);
+                let links: Vec<&str> = links.collect();
+                let cause = format!(
+                    "the {side} {part} has no shape: {} have neither <collision> nor <visual>. Give links with shapes that are                      fixed to them, in a URDF of your own, as a second --urdf",
+                    links.join(", ")
+                );
+                return Err(CollisionError::content(source.urdf[0].display().to_string(), cause));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Returns the links that carry capsules, then `None` for all of them.
@@ -259,8 +290,11 @@ fn check(source: &Source) -> Result<bool, CollisionError> {
         let why = match (reason.reason, reason.proof) {
             (AllowedReason::SameBody, _) => "same body".to_owned(),
             (AllowedReason::Adjacent, _) => "adjacent".to_owned(),
-            (AllowedReason::ProvedClear, None) => "NOT PROVED".to_owned(),
-            (AllowedReason::ProvedClear, Some(proof)) => format!("proved clear by {proof}"),
+            (AllowedReason::OverlapAsPublished, _) if reason.overlaps => "overlaps everywhere as published".to_owned(),
+            (AllowedReason::ProvedClear | AllowedReason::OverlapAsPublished, _) if !reason.holds() => {
+                "NOT PROVED".to_owned()
+            }
+            (_, proof) => proof.map_or(String::new(), |proof| format!("proved clear by {proof}")),
         };
         out!("{} - {}: {why}", reason.names.0, reason.names.1);
         good &= reason.holds();
@@ -284,12 +318,13 @@ fn summary(model: &Model) {
     let name = |capsule: usize| model.capsules[capsule].name.as_str();
     let count = |reason| model.allowed.iter().filter(|pair| pair.reason == reason).count();
     err!(
-        "{} capsules, {} pairs checked, {} on one body, {} adjacent, {} proved clear",
+        "{} capsules, {} pairs checked, {} on one body, {} adjacent, {} proved clear, {} overlapping as published",
         model.capsules.len(),
         model.pairs.len(),
         count(AllowedReason::SameBody),
         count(AllowedReason::Adjacent),
-        count(AllowedReason::ProvedClear)
+        count(AllowedReason::ProvedClear),
+        count(AllowedReason::OverlapAsPublished)
     );
     if let Some(pair) = model.pairs.get(index) {
         err!("home: {:.1} mm between {} and {}", clearance_m * 1e3, name(pair.a), name(pair.b));

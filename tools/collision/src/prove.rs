@@ -1,5 +1,6 @@
 //! Proves that two capsules cannot meet anywhere in the box of the position limits, or finds where they do.
 
+use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use robot::{Capsule, Frames, Model, segment_distance};
@@ -21,6 +22,10 @@ pub enum Verdict {
 /// Random configurations per deciding joint before a proof is tried. They are cheap where many joints make
 /// proofs expensive.
 const SAMPLES_PER_JOINT: usize = 20;
+/// Number of the nearest random configurations from which a search goes on to nearer ones (chosen).
+const STARTS: usize = 4;
+/// First step of that search, as a share of a joint's range. It is halved down to the last (chosen).
+const STEP_SHARES: [f64; 2] = [0.25, 0.01];
 /// Largest number of cells of the joint box that a proof may visit.
 pub const CELLS_MAX: usize = 200_000;
 
@@ -48,25 +53,6 @@ pub fn clearance(frames: &Frames, a: &Capsule, b: &Capsule) -> f64 {
     segment_distance(&a0, &a1, &b0, &b1).distance_m - a.radius_m - b.radius_m
 }
 
-/// Returns how far points of a body can move relative to the common ancestor, m. Its joints leave the middle of
-/// a cell by at most their half widths.
-///
-/// It goes from the far end inward. Turning joint j by h moves a point at distance p from its axis by at most h
-/// p. The joints beyond j may have moved it by D before, so p grows by D. A prismatic joint adds h. The
-/// distance from an axis is convex, so the bound for the points holds for their convex hull.
-fn drift(model: &Model, frames: &Frames, joints: &[usize], half: &[f64], part: &Part<'_>) -> f64 {
-    let pose = &frames.base_from_body[part.body];
-    let points: Vec<Vector3<f64>> = part.points.iter().map(|point| pose.transform_point(point)).collect();
-    let mut moved = 0.0;
-    for (j, half) in joints.iter().zip(half).rev() {
-        let body = &frames.base_from_body[j + 1];
-        let axis: Vector3<f64> = body.r * model.joint_at_zero(*j).1;
-        let far = points.iter().map(|point| axis.cross(&(point - body.t)).norm()).fold(0.0, f64::max);
-        moved += if model.prismatic[*j] { *half } else { half * (far + moved) };
-    }
-    moved
-}
-
 /// A moving part: the convex hull of points of a body.
 #[derive(Clone, Copy)]
 pub struct Part<'a> {
@@ -75,77 +61,218 @@ pub struct Part<'a> {
     pub points: &'a [Vector3<f64>],
 }
 
+/// Distance of two parts in a configuration, m. If it is above the second argument, any lower bound above that will do.
+pub type Distance<'a> = dyn Fn(&Frames, f64) -> f64 + 'a;
+
 /// Decides whether two capsules are always farther apart than `clear_m`.
 pub fn prove(model: &Model, a: &Capsule, b: &Capsule, clear_m: f64) -> Verdict {
     let (of_a, of_b) = ([a.a, a.b], [b.a, b.b]);
     let (a_part, b_part) = (Part { body: a.body, points: &of_a }, Part { body: b.body, points: &of_b });
-    prove_parts(model, &a_part, &b_part, clear_m, CELLS_MAX, &|frames| clearance(frames, a, b))
+    prove_parts(model, [&a_part, &b_part], clear_m, CELLS_MAX, &|frames, _| clearance(frames, a, b))
 }
 
-/// Decides whether the clearance of two parts is always above `clear_m`. `distance` returns the clearance (m)
-/// in a configuration. The proof visits at most `cells_max` cells.
+/// Positions of the deciding joints of two parts, in their order. Those of all other joints do not matter.
+type Positions = [f64; JOINTS_MAX];
+
+/// What becomes of a cell whose middle was looked at.
+enum Step {
+    Done,
+    Halve,
+    Stop,
+}
+
+/// Two parts, and the joints that determine how they lie to each other.
+struct Between<'a> {
+    model: &'a Model,
+    parts: [&'a Part<'a>; 2],
+    /// The joints of the first part from the base outward, then those of the second.
+    joints: Vec<usize>,
+    /// Number of joints of the first part.
+    first: usize,
+    axes: Vec<Vector3<f64>>,
+    frames: Frames,
+    distance: &'a Distance<'a>,
+}
+
+impl<'a> Between<'a> {
+    fn new(model: &'a Model, parts: [&'a Part<'a>; 2], distance: &'a Distance<'a>) -> Self {
+        let (of_a, of_b) = deciding_joints(model, parts[0].body, parts[1].body);
+        let joints: Vec<usize> = of_a.iter().chain(&of_b).copied().collect();
+        let axes = joints.iter().map(|j| model.joint_at_zero(*j).1).collect();
+        let mut frames = Frames::default();
+        model.forward(&model.home, &mut frames);
+        Self { model, parts, joints, first: of_a.len(), axes, frames, distance }
+    }
+
+    fn limits(&self, i: usize) -> (f64, f64) {
+        let limits = &self.model.limits[self.joints[i]];
+        (limits.q_min, limits.q_max)
+    }
+
+    fn place(&mut self, q: &Positions) {
+        for (j, q) in self.joints.iter().zip(q) {
+            self.model.forward_joint(*j, *q, &mut self.frames);
+        }
+    }
+
+    fn distance_m(&mut self, q: &Positions, enough_m: f64) -> f64 {
+        self.place(q);
+        (self.distance)(&self.frames, enough_m)
+    }
+
+    /// Looks for a configuration in which the parts are not farther apart than `clear_m`: random ones, then nearer ones
+    /// from the nearest. Returns the distance there, m.
+    fn meeting_m(&mut self, clear_m: f64) -> Option<f64> {
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
+        let mut nearest = vec![(f64::INFINITY, [0.0; JOINTS_MAX]); STARTS];
+        for _ in 0..SAMPLES_PER_JOINT * self.joints.len() * self.joints.len() {
+            let mut q = [0.0; JOINTS_MAX];
+            for (i, q) in q.iter_mut().enumerate().take(self.joints.len()) {
+                let (low, high) = self.limits(i);
+                *q = rng.random_range(low..high);
+            }
+            let distance_m = self.distance_m(&q, nearest[STARTS - 1].0);
+            if distance_m <= clear_m {
+                return Some(distance_m);
+            }
+            if distance_m < nearest[STARTS - 1].0 {
+                nearest[STARTS - 1] = (distance_m, q);
+                nearest.sort_by(|a, b| a.0.total_cmp(&b.0));
+            }
+        }
+        nearest.retain(|(distance_m, _)| distance_m.is_finite());
+        nearest.into_iter().find_map(|(distance_m, q)| self.nearer_m(distance_m, q, clear_m))
+    }
+
+    /// Moves one joint after the other, as long as the parts come nearer, in ever smaller steps. Returns the distance where
+    /// it is not above `clear_m`.
+    fn nearer_m(&mut self, mut least_m: f64, mut q: Positions, clear_m: f64) -> Option<f64> {
+        let mut share = STEP_SHARES[0];
+        while share > STEP_SHARES[1] && least_m > clear_m {
+            let start_m = least_m;
+            for (i, sign) in (0..self.joints.len()).flat_map(|i| [(i, -1.0), (i, 1.0)]) {
+                let ((low, high), before) = (self.limits(i), q[i]);
+                q[i] = (before + sign * share * (high - low)).clamp(low, high);
+                let distance_m = self.distance_m(&q, least_m);
+                if distance_m < least_m {
+                    least_m = distance_m;
+                } else {
+                    q[i] = before;
+                }
+            }
+            if least_m >= start_m {
+                share *= 0.5;
+            }
+        }
+        (least_m <= clear_m).then_some(least_m)
+    }
+
+    /// Visits cells of the box of the limits in force, and halves each across the joint that moves the parts most, until
+    /// all are done. Returns false after `cells_max` cells, or if a step stops it.
+    fn visit(&mut self, cells_max: usize, step: &mut dyn FnMut(&Frames, f64) -> Step) -> bool {
+        let count = self.joints.len();
+        let mut whole = [(0.0, 0.0); JOINTS_MAX];
+        for (i, range) in whole.iter_mut().enumerate().take(count) {
+            *range = self.limits(i);
+        }
+        let mut open = vec![whole];
+        for _ in 0..cells_max {
+            let Some(cell) = open.pop() else { return true };
+            self.place(&cell.map(|(low, high): (f64, f64)| 0.5 * (low + high)));
+            let (drift_m, alone_m) = self.drift(&cell.map(|(low, high)| 0.5 * (high - low)));
+            match step(&self.frames, drift_m) {
+                Step::Done => continue,
+                Step::Stop => return false,
+                Step::Halve => {}
+            }
+            let Some(at) = (0..count).max_by(|x, y| alone_m[*x].total_cmp(&alone_m[*y])) else { return false };
+            let (low, high) = cell[at];
+            for range in [(low, 0.5 * (low + high)), (0.5 * (low + high), high)] {
+                let mut part = cell;
+                part[at] = range;
+                open.push(part);
+            }
+        }
+        false
+    }
+
+    /// Returns how far points of both parts can move relative to the common ancestor, m, if the joints leave the frames'
+    /// configuration by at most their half widths. And for each joint how far it moves them alone.
+    ///
+    /// It goes from the far end inward. Turning joint j by h moves a point at distance p from its axis by at most h
+    /// p. The joints beyond j may have moved it by D before, so p grows by D. A prismatic joint adds h. The
+    /// distance from an axis is convex, so the bound for the points holds for their convex hull.
+    fn drift(&self, half: &Positions) -> (f64, Positions) {
+        let (mut sum, mut alone) = (0.0, [0.0; JOINTS_MAX]);
+        for (part, joints) in self.parts.iter().zip([0..self.first, self.first..self.joints.len()]) {
+            let pose = &self.frames.base_from_body[part.body];
+            let mut moved = 0.0;
+            for i in joints.rev() {
+                let (j, half) = (self.joints[i], half[i]);
+                let body = &self.frames.base_from_body[j + 1];
+                // The distance from the axis is the same in the part's own frame.
+                let axis = pose.r.tr_mul(&(body.r * self.axes[i]));
+                let origin = pose.r.tr_mul(&(body.t - pose.t));
+                let squared = |point: &Vector3<f64>| axis.cross(&(point - origin)).norm_squared();
+                let far = part.points.iter().map(squared).fold(0.0, f64::max).sqrt();
+                let slides = self.model.prismatic[j];
+                alone[i] = if slides { half } else { half * far };
+                moved += if slides { half } else { half * (far + moved) };
+            }
+            sum += moved;
+        }
+        (sum, alone)
+    }
+}
+
+/// Decides whether the clearance of two parts is always above `clear_m`. The proof visits at most `cells_max` cells.
 ///
 /// Branch and bound over the box of the limits in force. A cell is done if the clearance in its middle is
-/// enough, less all that both parts can move inside the cell. Otherwise the cell is halved across the joint
-/// that moves them most.
+/// enough, less all that both parts can move inside the cell.
 pub fn prove_parts(
     model: &Model,
-    a: &Part<'_>,
-    b: &Part<'_>,
+    parts: [&Part<'_>; 2],
     clear_m: f64,
     cells_max: usize,
-    distance: &dyn Fn(&Frames) -> f64,
+    distance: &Distance<'_>,
 ) -> Verdict {
-    let (of_a, of_b) = deciding_joints(model, a.body, b.body);
-    let joints: Vec<usize> = of_a.iter().chain(&of_b).copied().collect();
-    let limits = |j: usize| (model.limits[j].q_min, model.limits[j].q_max);
-    let mut frames = Frames::default();
-    let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
-    let mut q = model.home;
-    for _ in 0..SAMPLES_PER_JOINT * joints.len() * joints.len() {
-        for j in &joints {
-            q[*j] = rng.random_range(limits(*j).0..limits(*j).1);
-        }
-        model.forward(&q, &mut frames);
-        let clearance_m = distance(&frames);
-        if clearance_m <= clear_m {
-            return Verdict::Meets { clearance_m };
-        }
+    let mut between = Between::new(model, parts, distance);
+    if let Some(clearance_m) = between.meeting_m(clear_m) {
+        return Verdict::Meets { clearance_m };
     }
-    let mut open: Vec<Vec<(f64, f64)>> = vec![joints.iter().map(|j| limits(*j)).collect()];
-    let mut least = f64::INFINITY;
-    for _ in 0..cells_max {
-        let Some(cell) = open.pop() else {
-            return Verdict::Clear { at_least_m: least };
-        };
-        let half: Vec<f64> = cell.iter().map(|(low, high)| 0.5 * (high - low)).collect();
-        for (j, (low, high)) in joints.iter().zip(&cell) {
-            q[*j] = 0.5 * (low + high);
+    let (mut at_least_m, mut meeting) = (f64::INFINITY, None);
+    let done = between.visit(cells_max, &mut |frames, drift_m| {
+        let middle_m = distance(frames, clear_m + drift_m);
+        if middle_m <= clear_m {
+            meeting = Some(middle_m);
+            return Step::Stop;
         }
-        model.forward(&q, &mut frames);
-        let middle = distance(&frames);
-        if middle <= clear_m {
-            return Verdict::Meets { clearance_m: middle };
+        if middle_m - drift_m > clear_m {
+            at_least_m = at_least_m.min(middle_m - drift_m);
+            return Step::Done;
         }
-        let (half_a, half_b) = half.split_at(of_a.len());
-        let bound = middle - drift(model, &frames, &of_a, half_a, a) - drift(model, &frames, &of_b, half_b, b);
-        if bound > clear_m {
-            least = least.min(bound);
-            continue;
-        }
-        let widest = |i: usize| {
-            let part = if i < of_a.len() { a } else { b };
-            drift(model, &frames, &joints[i..=i], &half[i..=i], part)
-        };
-        let Some(at) = (0..joints.len()).max_by(|x, y| widest(*x).total_cmp(&widest(*y))) else {
-            return Verdict::Open;
-        };
-        let (low, high) = cell[at];
-        for range in [(low, 0.5 * (low + high)), (0.5 * (low + high), high)] {
-            let mut part = cell.clone();
-            part[at] = range;
-            open.push(part);
-        }
+        Step::Halve
+    });
+    match meeting {
+        Some(clearance_m) => Verdict::Meets { clearance_m },
+        None if done => Verdict::Clear { at_least_m },
+        None => Verdict::Open,
     }
-    Verdict::Open
+}
+
+/// Proves that two parts overlap in every posture, or in one that moves them by at most `reach_m`. `distance` is 0 where
+/// they overlap. The proof visits at most `cells_max` cells.
+pub fn prove_overlap(
+    model: &Model,
+    parts: [&Part<'_>; 2],
+    reach_m: f64,
+    cells_max: usize,
+    distance: &Distance<'_>,
+) -> bool {
+    Between::new(model, parts, distance).visit(cells_max, &mut |frames, drift_m| {
+        if distance(frames, 0.0) > 0.0 {
+            return Step::Stop;
+        }
+        if drift_m <= reach_m { Step::Done } else { Step::Halve }
+    })
 }

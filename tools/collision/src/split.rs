@@ -1,10 +1,11 @@
 //! Cuts a body's surface into cells, each with its own capsule.
 
-use crate::fit::{Shape, principal_axes, rough_volume_m3, smallest_capsule};
+use crate::fit::{Shape, principal_axes, rough_capsule, smallest_capsule};
 use crate::mesh::Points;
 use crate::plan::Cut;
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use std::sync::OnceLock;
 
 /// Contents of capsules: surface that may be cut, and pieces that may not.
 #[derive(Clone, Debug, Default)]
@@ -41,6 +42,29 @@ impl Matter {
         }
         halves
     }
+
+    /// Returns the points of both parts that [`Matter::cut`] gives.
+    fn cut_points(&self, normal: &Vector3<f64>, offset: f64) -> [Points; 2] {
+        let mut halves = [Points::new(), Points::new()];
+        for polygon in &self.surface {
+            let Some(mut here) = polygon.last() else { continue };
+            let mut at = normal.dot(here) - offset;
+            for next in polygon {
+                let to = normal.dot(next) - offset;
+                if (at < 0.0) != (to < 0.0) {
+                    let crossing = here + (next - here) * (at / (at - to));
+                    halves.iter_mut().for_each(|half| half.push(crossing));
+                }
+                halves[usize::from(to >= 0.0)].push(*next);
+                (here, at) = (next, to);
+            }
+        }
+        for piece in &self.pieces {
+            let middle = piece.iter().sum::<Vector3<f64>>() / piece.len() as f64;
+            halves[usize::from(normal.dot(&middle) > offset)].extend(piece);
+        }
+        halves
+    }
 }
 
 /// Returns the rest of a convex polygon where normal . x >= offset (Sutherland and Hodgman, 1974).
@@ -64,27 +88,35 @@ pub struct Cell {
     pub matter: Matter,
     /// The capsule, without margin.
     pub shape: Shape,
+    volume_ratio: OnceLock<f64>,
 }
 
 impl Cell {
     /// Returns the ratio of the volumes of the capsule and of the convex hull inside. NaN if the hull has none.
     pub fn volume_ratio(&self) -> f64 {
-        robot::hull_volume_oracle(&self.matter.points()).map_or(f64::NAN, |volume| self.shape.volume_m3() / volume)
+        let hull_m3 = || robot::hull_volume_oracle(&self.matter.points());
+        *self.volume_ratio.get_or_init(|| hull_m3().map_or(f64::NAN, |volume| self.shape.volume_m3() / volume))
     }
 }
 
 fn slim_cell(matter: Matter, slimness: f64) -> Option<Cell> {
-    smallest_capsule(&matter.points(), slimness).map(|shape| Cell { matter, shape })
+    smallest_capsule(&matter.points(), slimness).map(|shape| Cell { matter, shape, volume_ratio: OnceLock::new() })
 }
 
 /// Positions of the cuts that are tried, as a share of a cell's extent.
 const CUTS: [f64; 5] = [0.3, 0.4, 0.5, 0.6, 0.7];
+/// A cut away from another capsule must gain at least this distance, m (chosen).
+const GAINED_M: f64 = 0.01;
+/// Number of the best first cuts for which a second one is tried (chosen).
+const AHEAD: usize = 6;
+
+/// Normal and offset of a plane, m.
+type Plane = (Vector3<f64>, f64);
 
 #[derive(Clone, Debug)]
 struct Halves {
     saved_m3: f64,
-    normal: Vector3<f64>,
-    offset_m: f64,
+    plane: Plane,
     cells: [Cell; 2],
 }
 
@@ -127,15 +159,77 @@ impl Splitter {
         if self.saving_m3(at).is_none() {
             return false;
         }
-        let Some(Halves { normal, offset_m, cells: [low, high], .. }) = self.halves[at].take().flatten() else {
+        let Some(Halves { plane, cells, .. }) = self.halves[at].take().flatten() else {
             return false;
         };
-        self.cuts.push(Cut { part: at, normal: normal.into(), offset_m });
-        self.cells[at] = low;
-        self.cells.push(high);
-        self.halves.push(None);
+        self.replace(at, &plane, cells);
         true
     }
+
+    fn replace(&mut self, at: usize, (normal, offset_m): &Plane, [low, high]: [Cell; 2]) {
+        self.cuts.push(Cut { part: at, normal: (*normal).into(), offset_m: *offset_m });
+        self.cells[at] = low;
+        self.cells.push(high);
+        self.halves[at] = None;
+        self.halves.push(None);
+    }
+
+    /// Cuts a cell so that its capsules stay farther from another one, given in the same frame. If one cut gains too
+    /// little, it looks for the two that gain most: the second one halves the nearer half. Returns false if that gains
+    /// too little, or needs more cells than there may be.
+    pub fn cut_away(&mut self, at: usize, other: &Shape, cells_max: usize) -> bool {
+        if self.cells.len() >= cells_max {
+            return false;
+        }
+        let enough_m = self.cells[at].shape.clearance_m(other) + GAINED_M;
+        let mut first = cuts_away(&self.cells[at].matter, other);
+        first.truncate(AHEAD);
+        if let Some(Away { plane, .. }) = first.first().filter(|away| away.least_m() >= enough_m) {
+            return self.cut_at(at, plane);
+        }
+        let second = |away: &Away| {
+            let nearer = usize::from(away.apart_m[1] < away.apart_m[0]);
+            let half = &self.cells[at].matter.cut(&away.plane.0, away.plane.1)[nearer];
+            let next = cuts_away(half, other).into_iter().next()?;
+            Some((next.least_m().min(away.apart_m[1 - nearer]), nearer, next.plane))
+        };
+        let both = first.iter().filter_map(|away| Some((away.plane, second(away)?)));
+        let best = both.max_by(|a, b| a.1.0.total_cmp(&b.1.0));
+        let enough = |found: &(Plane, (f64, usize, Plane))| found.1.0 >= enough_m && self.cells.len() + 2 <= cells_max;
+        let Some((plane, (_, nearer, next))) = best.filter(enough) else { return false };
+        let (low, high) = (at, self.cells.len());
+        self.cut_at(at, &plane) && self.cut_at([low, high][nearer], &next)
+    }
+
+    fn cut_at(&mut self, at: usize, plane: &Plane) -> bool {
+        let [low, high] = self.cells[at].matter.cut(&plane.0, plane.1).map(|half| slim_cell(half, 0.0));
+        let (Some(low), Some(high)) = (low, high) else { return false };
+        self.replace(at, plane, [low, high]);
+        true
+    }
+}
+
+/// A cut, and how far the rough capsules of both halves then stay from another capsule, m.
+struct Away {
+    plane: Plane,
+    apart_m: [f64; 2],
+}
+
+impl Away {
+    fn least_m(&self) -> f64 {
+        self.apart_m[0].min(self.apart_m[1])
+    }
+}
+
+/// Returns the cuts of contents, the one first whose capsules stay farthest from another one.
+fn cuts_away(matter: &Matter, other: &Shape) -> Vec<Away> {
+    let away = |plane: &Plane| {
+        let [low, high] = matter.cut_points(&plane.0, plane.1).map(|half| rough_capsule(&half));
+        Some(Away { plane: *plane, apart_m: [low?.clearance_m(other), high?.clearance_m(other)] })
+    };
+    let mut cuts: Vec<Away> = planes(&matter.points()).par_iter().filter_map(away).collect();
+    cuts.sort_by(|a, b| b.least_m().total_cmp(&a.least_m()));
+    cuts
 }
 
 /// Returns at most `count` cells of small volume. First come the given cuts, then always the cut that saves the
@@ -152,26 +246,33 @@ pub fn split(matter: Matter, count: usize, cuts: &[Cut], slimness: f64) -> Vec<C
     splitter.cells
 }
 
-/// Returns the cut of a cell in two that saves the most volume.
-fn best_cut(whole: &Cell) -> Option<Halves> {
-    let points = whole.matter.points();
-    let (_, axes) = principal_axes(&points);
+/// Returns the planes that are tried.
+fn planes(points: &[Vector3<f64>]) -> Vec<Plane> {
+    if points.is_empty() {
+        return Vec::new();
+    }
+    let (_, axes) = principal_axes(points);
     let coordinate = [Vector3::x(), Vector3::y(), Vector3::z()];
     let planes = axes.iter().chain(&coordinate).flat_map(|axis| {
         let places = points.iter().map(|point| point.dot(axis));
         let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
         CUTS.map(|share| (*axis, low + share * (high - low)))
     });
-    let planes: Vec<(Vector3<f64>, f64)> = planes.collect();
-    let volume_m3 = |(normal, offset_m): &(Vector3<f64>, f64)| {
-        let [below, above] = whole.matter.cut(normal, *offset_m);
-        Some(rough_volume_m3(&below.points())? + rough_volume_m3(&above.points())?)
+    planes.collect()
+}
+
+/// Returns the cut of a cell in two that saves the most volume.
+fn best_cut(whole: &Cell) -> Option<Halves> {
+    let planes = planes(&whole.matter.points());
+    let volume_m3 = |(normal, offset_m): &Plane| {
+        let [below, above] = whole.matter.cut_points(normal, *offset_m);
+        Some(rough_capsule(&below)?.volume_m3() + rough_capsule(&above)?.volume_m3())
     };
     let volumes: Vec<Option<f64>> = planes.par_iter().map(volume_m3).collect();
     let known = planes.iter().zip(volumes).filter_map(|(plane, volume)| Some((plane, volume?)));
-    let (&(normal, offset_m), _) = known.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    let [below, above] = whole.matter.cut(&normal, offset_m);
+    let (&plane, _) = known.min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let [below, above] = whole.matter.cut(&plane.0, plane.1);
     let cells = [slim_cell(below, 0.0)?, slim_cell(above, 0.0)?];
     let saved_m3 = whole.shape.volume_m3() - cells.iter().map(|cell| cell.shape.volume_m3()).sum::<f64>();
-    Some(Halves { saved_m3, normal, offset_m, cells })
+    Some(Halves { saved_m3, plane, cells })
 }

@@ -9,7 +9,9 @@ use crate::scene::Scene;
 use crate::split::{Cell, Matter, split};
 use rayon::prelude::*;
 use robot::{AllowedReason, Capsule, Frames, Model};
+use rt::err;
 use std::fmt::Write;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Everything from this line on is written by this tool.
 pub const MARK: &str = "# Below this line: written by `collision fit`.";
@@ -140,17 +142,27 @@ pub fn robot_file(
     let judge = Judge::new(&model, plan, capsules);
     let pairs: Vec<(usize, usize)> =
         (0..capsules.len()).flat_map(|a| (a + 1..capsules.len()).map(move |b| (a, b))).collect();
-    let reasons: Vec<Option<AllowedReason>> = pairs.par_iter().map(|(a, b)| judge.decide(*a, *b)).collect();
+    let done = AtomicUsize::new(0);
+    let decide = |(a, b): &(usize, usize)| {
+        let (reason, before) = (judge.decide(*a, *b), done.fetch_add(1, Ordering::Relaxed));
+        let tenth = |done: usize| done * 10 / pairs.len();
+        if tenth(before) < tenth(before + 1) {
+            err!("proofs: {} of {} pairs", before + 1, pairs.len());
+        }
+        reason
+    };
+    let reasons: Vec<Option<AllowedReason>> = pairs.par_iter().map(decide).collect();
     let mut near_home = Vec::new();
-    let mut tables = [(AllowedReason::Adjacent, String::new()), (AllowedReason::ProvedClear, String::new())];
+    let mut tables: [String; 3] = Default::default();
     let mut decided = pairs.iter().zip(&reasons).peekable();
     for (first, a) in bodies.iter().enumerate() {
-        let mut others: [Vec<String>; 2] = Default::default();
+        let mut others: [Vec<String>; 3] = Default::default();
         while let Some((&(_, second), reason)) = decided.next_if(|((at, _), _)| *at == first) {
             let b = &bodies[second];
             match reason {
                 Some(AllowedReason::Adjacent) => others[0].push(format!("\"{}\"", b.name)),
                 Some(AllowedReason::ProvedClear) => others[1].push(format!("\"{}\"", b.name)),
+                Some(AllowedReason::OverlapAsPublished) => others[2].push(format!("\"{}\"", b.name)),
                 Some(AllowedReason::SameBody) => {}
                 None => {
                     let clearance_m = clearance(&frames, a, b);
@@ -162,12 +174,12 @@ pub fn robot_file(
         }
         for (table, others) in tables.iter_mut().zip(&others).filter(|(_, others)| !others.is_empty()) {
             // Writing to a String cannot fail.
-            let _ = writeln!(table.1, "{} = [\n{}]", a.name, wrapped(others));
+            let _ = writeln!(table, "{} = [\n{}]", a.name, wrapped(others));
         }
     }
-    let [(_, adjacent), (_, clear)] = &tables;
+    let [adjacent, clear, overlap] = &tables;
     let (mm, hull_mm, close_mm) = (plan.clear_mm, plan.clear_hull_mm, plan.clear_close_mm);
-    let text = format!(
+    let mut text = format!(
         "{}\n\n{MARK}\n{}\n# One joint apart: their stops keep them apart.\n[collision.allowed.adjacent]\n{adjacent}\n\
          # Proved to stay apart everywhere within the limits in force: the capsules by {mm} mm, or the convex hulls of what\n\
          # they contain by {hull_mm} mm. Inside one wrist or shoulder it is {close_mm} mm, by the hulls or by the surfaces.\n\
@@ -175,6 +187,12 @@ pub fn robot_file(
         head(toml.1).trim_end(),
         capsules_text(capsules)
     );
+    if !overlap.is_empty() {
+        text.push_str(&format!(
+            "\n# Proved to overlap in the maker's own description, in every posture within the limits in force. Nothing keeps these\n\
+             # apart.\n[collision.allowed.overlap_as_published]\n{overlap}"
+        ));
+    }
     Ok(Decided { text, near_home })
 }
 

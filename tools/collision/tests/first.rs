@@ -1,9 +1,13 @@
 //! The first plan: what it groups, cuts and calls close, on small robots of boxes.
 
+use collision::check::sticks_out_m;
 use collision::first::{First, first_plan};
+use collision::fit::Shape;
 use collision::plan::{Group, Plan};
 use collision::scene::{Posture, Scene};
+use collision::split::Splitter;
 use collision::write::{bare_model, fit_all, robot_file};
+use nalgebra::Vector3;
 use robot::{AllowedReason, Model};
 
 pub const TOML: &str = include_str!("../../../config/robots/openarm_v10.toml");
@@ -97,7 +101,7 @@ fn wrist(plate_m: f64) -> (urdf_rs::Robot, First) {
 
 #[test]
 fn pair_built_closer_than_clearance_is_called_close() {
-    let (robot, First { plan, notes }) = wrist(0.0193);
+    let (robot, First { plan, notes, .. }) = wrist(0.0193);
     assert_eq!(plan.close, [["openarm_left_link5".to_owned(), "openarm_left_link7".to_owned()]]);
     assert!(notes[0].contains("in 100 % of all postures") && notes[0].contains("needs no check"), "{notes:?}");
     let capsules = fit_all(&plan, &Scene::new(&robot, None, &plan.fingers)).unwrap();
@@ -106,15 +110,60 @@ fn pair_built_closer_than_clearance_is_called_close() {
     assert!(model.pairs.is_empty() && model.allowed[0].reason == AllowedReason::ProvedClear, "{:?}", model.allowed);
 }
 
+/// Both parts of the wrist fill the crossing of its axes, so they overlap in every posture.
+#[test]
+fn pair_that_overlaps_in_every_posture_is_listed_as_published() {
+    let long = cuboid("0.02 0.02 0.1", "0 0 0.1");
+    let robot = shaped(&[("openarm_left_link5", &long), ("openarm_left_link7", &cuboid("0.03 0.03 0.03", "0 0 0"))]);
+    let (_, First { plan, .. }) = plan_of(&robot);
+    let capsules = fit_all(&plan, &Scene::new(&robot, None, &plan.fingers)).unwrap();
+    let text = robot_file(&plan, &capsules, ("toml", TOML), ("urdf", URDF)).unwrap().text;
+    let model = Model::from_text("toml", &text, "urdf", URDF).unwrap();
+    let reasons: Vec<AllowedReason> = model.allowed.iter().map(|pair| pair.reason).collect();
+    assert_eq!(reasons, [AllowedReason::OverlapAsPublished]);
+}
+
+#[test]
+fn link_without_collision_shape_is_enclosed_as_drawn() {
+    let drawn = cuboid("0.05 0.05 0.05", "0 0 0.02").replace("collision", "visual");
+    let small = cuboid("0.02 0.02 0.02", "0 0 0");
+    let robot = shaped(&[("openarm_left_link3", &drawn), ("openarm_left_link5", &(small + &drawn))]);
+    let (_, First { plan, .. }) = plan_of(&robot);
+    let capsules = fit_all(&plan, &Scene::new(&robot, None, &plan.fingers)).unwrap();
+    let radius_m = |link: &str| capsules.iter().find(|capsule| capsule.link == link).unwrap().shape.radius_m;
+    assert!(radius_m("openarm_left_link3") > 0.03 && radius_m("openarm_left_link5") < 0.025);
+}
+
+/// A trunk and a bar beside it, 20 mm away. Its one capsule bulges over the bar.
+#[test]
+fn trunk_is_cut_until_it_is_clear_of_its_neighbour() {
+    let robot = shaped(&[("openarm_body_link0", &cuboid("0.2 0.5 0.5", "0 0 0"))]);
+    let scene = Scene::new(&robot, None, &[]);
+    let matter = scene.matter(&Group::of_link("openarm_body_link0")).unwrap();
+    let bar = Shape { a: Vector3::new(0.0, 0.3, -0.2), b: Vector3::new(0.0, 0.3, 0.2), radius_m: 0.03 };
+    let mut splitter = Splitter::new(matter.clone(), &[], 0.0);
+    let before_m = splitter.cells()[0].shape.clearance_m(&bar);
+    assert!(before_m < 0.0, "{before_m}");
+    assert!(splitter.cut_away(0, &bar, 6));
+    let shapes: Vec<Shape> = splitter.cells().iter().map(|cell| cell.shape).collect();
+    let after_m = shapes.iter().map(|shape| shape.clearance_m(&bar)).fold(f64::INFINITY, f64::min);
+    assert!(after_m > before_m + 0.01, "{before_m} {after_m}");
+    let wider: Vec<Shape> = shapes.iter().map(|s| Shape { radius_m: s.radius_m + 1e-3, ..*s }).collect();
+    assert!(sticks_out_m(&matter, &wider) <= 0.0);
+    // There is nothing to gain behind it, and no room for more.
+    assert!(!Splitter::new(matter, &[], 0.0).cut_away(0, &bar, 1));
+}
+
 #[test]
 fn pair_that_can_touch_is_never_called_close() {
-    let (robot, First { plan, notes }) = wrist(0.0165);
+    let (robot, First { plan, notes, .. }) = wrist(0.0165);
     assert!(
         notes.iter().any(|note| note.contains("0.0 mm in the worst sampled posture. It stays a checked")),
         "{notes:?}"
     );
     let capsules = fit_all(&plan, &Scene::new(&robot, None, &plan.fingers)).unwrap();
     let decided = robot_file(&plan, &capsules, ("toml", TOML), ("urdf", URDF)).unwrap();
+    assert!(!decided.text.contains("overlap_as_published"));
     let refused = Model::from_text("toml", &decided.text, "urdf", URDF).unwrap_err().to_string();
     assert!(refused.contains("home: clearance of"), "{refused}");
 }
@@ -123,11 +172,14 @@ fn pair_that_can_touch_is_never_called_close() {
 fn plan_read_back_gives_the_same_capsules() {
     let angle = cuboid("0.3 0.04 0.04", "0.15 0 0") + &cuboid("0.04 0.04 0.3", "0.3 0 0.15");
     let robot = shaped(&[("openarm_body_link0", &angle), ("openarm_left_hand", &cuboid("0.05 0.05 0.05", "0 0 0"))]);
-    let (_, First { plan, .. }) = plan_of(&robot);
+    let (_, First { plan, capsules, .. }) = plan_of(&robot);
     let again = Plan::parse("plan", &plan.text()).unwrap();
     let fit = |plan: &Plan| fit_all(plan, &Scene::new(&robot, None, &plan.fingers)).unwrap();
     let (first, second) = (fit(&plan), fit(&again));
-    assert!(first.len() > 2);
+    assert!(first.len() > 2 && capsules.len() == first.len());
+    for (a, b) in capsules.iter().zip(&first) {
+        assert_eq!((&a.name, &a.link, a.shape), (&b.name, &b.link, b.shape));
+    }
     for (a, b) in first.iter().zip(&second) {
         assert_eq!((&a.name, &a.link, a.shape), (&b.name, &b.link, b.shape));
     }
