@@ -81,6 +81,7 @@ pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
     if !light.is_empty() {
         out!("links of the arms without <inertial>, which torques leave out: {}", light.join(", "));
     }
+    model.doubts().iter().for_each(|doubt| out!("note: {doubt}"));
     let obstacles: Vec<_> = model.obstacles.iter().map(|obstacle| obstacle.name.as_str()).collect();
     out!("obstacles {}", if obstacles.is_empty() { "none".to_owned() } else { obstacles.join(", ") });
     out!("hash {:016x}", loaded.hash);

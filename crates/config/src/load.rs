@@ -261,6 +261,7 @@ pub fn load_model(robot_file: &Path) -> Result<(Model, PathBuf), ConfigError> {
     let urdf_text = read_text(&urdf_path)?;
     let urdf_name = urdf_path.display().to_string();
     let model = Model::from_text(&toml_name, &toml_text, &urdf_name, &urdf_text).map_err(ConfigError::robot)?;
+    model.check_fit().map_err(ConfigError::robot)?;
     model.check_guarded().map_err(ConfigError::robot)?;
     model.check_proved_clear(POSTURES_TRIED).map_err(ConfigError::robot)?;
     Ok((model, urdf_path))

@@ -27,6 +27,8 @@ pub enum RobotError {
     JointKind { file: String, joint: String, value: String, bound: String },
     #[error("{file}: joint `{joint}`: {key} = {value}, {bound}")]
     Joint { file: String, joint: String, key: String, value: f64, bound: String },
+    #[error("{file}: {key}: edited after the fit: {advice}")]
+    Edited { file: String, key: String, advice: String },
     #[error("{file}: {key} = {value}, {bound}")]
     Value { file: String, key: String, value: String, bound: String },
     #[error("{}", errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]

@@ -3,6 +3,7 @@
 
 use crate::arm::LIMB_JOINTS;
 use crate::error::RobotError;
+use crate::fit::FitEntry;
 use crate::proposal::ProposalEntry;
 use messages::ARM_JOINTS;
 use serde::Deserialize;
@@ -180,6 +181,8 @@ pub(crate) struct Collision {
     /// Without it every pair is checked.
     #[serde(default)]
     pub(crate) allowed: Allowed,
+    /// Without it the file is hand-made.
+    pub(crate) fit: Option<FitEntry>,
 }
 
 #[derive(Deserialize)]

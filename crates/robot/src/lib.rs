@@ -20,6 +20,7 @@ mod effective;
 mod environment;
 mod error;
 mod file;
+mod fit;
 mod gripper;
 mod inertia;
 mod kinematics;

@@ -4,6 +4,7 @@ mod convert;
 mod draft;
 mod drafts;
 mod environment;
+mod fit;
 mod kinematics;
 mod others;
 mod pointing;

@@ -26,6 +26,8 @@ pub struct Files {
     pub settings: Result<Settings, String>,
     pub config: String,
     pub robot: Option<Result<String, String>>,
+    /// Doubts about the robot's collision model.
+    pub doubts: Vec<String>,
     pub weights: Option<Result<String, String>>,
     pub stages: Option<Result<String, String>>,
 }
@@ -111,13 +113,14 @@ const CPU_DMA_LATENCY: &str = "/dev/cpu_dma_latency";
 fn files(place: &InstanceArgs) -> Files {
     let config = place.config.display().to_string();
     let settings = config::read_settings(&place.config, &place.overrides()).map_err(|error| error.to_string());
-    let mut files = Files { settings, config, robot: None, weights: None, stages: None };
+    let mut files = Files { settings, config, robot: None, doubts: Vec::new(), weights: None, stages: None };
     let Ok(settings) = &files.settings else { return files };
     let folder = place.config.parent().unwrap_or(Path::new("."));
     let robot_file = folder.join(&settings.robot.file);
     let robot = config::load_model(&robot_file).map_err(|error| error.to_string());
     files.robot = Some(robot.as_ref().map(|_| robot_file.display().to_string()).map_err(Clone::clone));
     let Ok((model, _)) = robot else { return files };
+    files.doubts = model.doubts();
     let base = folder.join(&settings.weights.file);
     let manifest = PathBuf::from(format!("{}.toml", base.display()));
     files.weights = Some(if settings.retarget.method == Method::Network || manifest.exists() {

@@ -59,6 +59,8 @@ fn files(files: &Files) -> Vec<Finding> {
             Some(Err(why)) => all.push(Finding::problem(check, why.clone(), advice)),
         }
     }
+    let advice = "`collision fit` makes capsules and proofs; `collision check --sign` proves those of the file";
+    all.extend(files.doubts.iter().map(|doubt| Finding::note("capsules", doubt.clone(), advice)));
     all
 }
 

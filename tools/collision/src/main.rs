@@ -45,6 +45,9 @@ enum Command {
     Check {
         #[command(flatten)]
         source: Source,
+        /// Write a new record of the fit into the robot file, if all holds.
+        #[arg(long)]
+        sign: bool,
     },
     /// Print how far the shape of each link sticks out of its capsules, the worst first, and how much larger the
     /// capsules are.
@@ -79,7 +82,7 @@ fn main() -> ExitCode {
     rt::abort_on_panic();
     let done = match Arguments::parse().command {
         Command::Fit { source, out, plan_out } => fit(&source, out.as_deref(), plan_out.as_deref()),
-        Command::Check { source } => check(&source),
+        Command::Check { source, sign } => check(&source, sign),
         Command::Cover(options) => command_cover::cover(&options),
         Command::Limits(options) => command_limits::limits(&options),
     };
@@ -221,9 +224,9 @@ fn fit(source: &Source, out: Option<&Path>, plan_out: Option<&Path>) -> Result<b
     for (a, b, clearance_m) in &decided.near_home {
         err!("near at home: {a} - {b} {:.1} mm", clearance_m * 1e3);
     }
-    // An invalid file is written too, so that it can be inspected.
-    let text = decided.text;
-    let model = Model::from_text(&toml.0, &text, &urdf.0, &urdf.1);
+    // An invalid file is written too, without a record, so that it can be inspected.
+    let model = Model::from_text(&toml.0, &decided.text, &urdf.0, &urdf.1);
+    let text = model.as_ref().ok().map_or(Ok(decided.text), Model::signed)?;
     match out {
         Some(path) => write_text(path, &text)?,
         None => out!("{text}"),
@@ -262,7 +265,7 @@ fn links(capsules: &[Named]) -> Vec<Option<&str>> {
     links
 }
 
-fn check(source: &Source) -> Result<bool, CollisionError> {
+fn check(source: &Source, sign: bool) -> Result<bool, CollisionError> {
     let texts = read_all(source)?;
     let model = Model::from_text(&texts.toml.0, &texts.toml.1, &texts.urdf.0, &texts.urdf.1)?;
     let scene = texts.scene(source);
@@ -300,6 +303,9 @@ fn check(source: &Source) -> Result<bool, CollisionError> {
         good &= reason.holds();
     }
     summary(&model);
+    if sign && good {
+        write_text(&source.robot, &model.signed()?)?;
+    }
     Ok(good)
 }
 

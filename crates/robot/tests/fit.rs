@@ -1,0 +1,113 @@
+//! The record of a fit: a start believes a robot file only as it was proved.
+
+use crate::support::{TOML, URDF, load, shipped};
+
+fn edited(toml: &str, urdf: &str) -> String {
+    load(toml, urdf).unwrap().check_fit().expect_err("edited after the fit").to_string()
+}
+
+/// The shipped robot file after a change of its table.
+fn changed(change: impl Fn(&mut toml::Table)) -> String {
+    let mut table: toml::Table = TOML.parse().unwrap();
+    change(&mut table);
+    table.to_string()
+}
+
+fn capsules(table: &mut toml::Table) -> &mut Vec<toml::Value> {
+    table["collision"]["capsules"].as_array_mut().unwrap()
+}
+
+#[test]
+fn thinner_capsules_are_refused_with_file_key_and_command() {
+    let thin = changed(|table| {
+        for capsule in capsules(table) {
+            let radius_m = capsule["radius_m"].as_float().unwrap();
+            capsule.as_table_mut().unwrap()["radius_m"] = (0.3 * radius_m).into();
+        }
+    });
+    let error = edited(&thin, URDF);
+    for word in
+        ["tiago_dual.toml: collision.capsules: edited after the fit", "`collision check --sign`", "`collision fit`"]
+    {
+        assert!(error.contains(word), "{word}: {error}");
+    }
+}
+
+#[test]
+fn hand_without_its_capsules_is_refused() {
+    let gone = |capsule: &toml::Value| capsule["name"].as_str().unwrap().starts_with("hand_left");
+    let handless = changed(|table| {
+        capsules(table).retain(|capsule| !gone(capsule));
+        let tables = table["collision"]["allowed"].as_table_mut().unwrap();
+        for (_, pairs) in tables {
+            let pairs = pairs.as_table_mut().unwrap();
+            pairs.retain(|first, _| !first.starts_with("hand_left"));
+            for (_, others) in pairs {
+                others.as_array_mut().unwrap().retain(|second| !second.as_str().unwrap().starts_with("hand_left"));
+            }
+        }
+    });
+    assert!(edited(&handless, URDF).contains("collision.capsules"));
+}
+
+#[test]
+fn pair_left_out_since_the_fit_is_refused() {
+    let more = changed(|table| {
+        let clear = table["collision"]["allowed"]["proved_clear"].as_table_mut().unwrap();
+        let others = clear.entry("hand_left_0").or_insert_with(|| toml::Value::Array(Vec::new()));
+        others.as_array_mut().unwrap().push("hand_right_0".into());
+    });
+    assert!(edited(&more, URDF).contains("tiago_dual.toml: collision.allowed"));
+}
+
+#[test]
+fn lighter_links_are_refused_with_the_urdf() {
+    let light = URDF.replace("<mass value=\"14.0136\"", "<mass value=\"1.40136\"");
+    assert_ne!(light, URDF);
+    assert!(edited(TOML, &light).contains("tiago_dual.urdf: its text: edited after the fit"));
+}
+
+#[test]
+fn range_may_only_be_narrower_than_the_proved_one() {
+    let margin = "soft_margin_rad = 0.02";
+    assert!(TOML.contains(margin));
+    let error = edited(&TOML.replace(margin, "soft_margin_rad = 0.01"), URDF);
+    let joint = "joint `arm_left_1_joint`: lowest position in force = -1.168";
+    for word in ["tiago_dual.toml", joint, "pairs were proved for -1.158", "`collision fit`"] {
+        assert!(error.contains(word), "{word}: {error}");
+    }
+    load(&TOML.replace(margin, "soft_margin_rad = 0.03"), URDF).unwrap().check_fit().expect("a subset is proved too");
+}
+
+#[test]
+fn file_without_record_is_hand_made_and_loads_with_a_doubt() {
+    shipped().check_fit().expect("signed by the tool");
+    assert_eq!(shipped().doubts(), Vec::<String>::new());
+    let unsigned = changed(|table| drop(table["collision"].as_table_mut().unwrap().remove("fit")));
+    let model = load(&unsigned, URDF).unwrap();
+    model.check_fit().expect("hand-made");
+    assert!(model.doubts()[0].contains("hand-made"), "{:?}", model.doubts());
+    let again = load(&model.signed().unwrap(), URDF).unwrap();
+    again.check_fit().expect("signed");
+    assert_eq!(again.signed().unwrap(), again.texts.toml, "a second record replaces the first");
+}
+
+#[test]
+fn moving_link_without_capsule_is_a_doubt() {
+    let gone = |capsule: &toml::Value| capsule["link"].as_str().unwrap() == "arm_left_5_link";
+    let bare = changed(|table| {
+        let names: Vec<String> =
+            capsules(table).iter().filter(|c| gone(c)).map(|c| c["name"].as_str().unwrap().to_owned()).collect();
+        assert!(!names.is_empty());
+        capsules(table).retain(|capsule| !gone(capsule));
+        for (_, pairs) in table["collision"]["allowed"].as_table_mut().unwrap() {
+            let pairs = pairs.as_table_mut().unwrap();
+            pairs.retain(|first, _| !names.iter().any(|name| first == name));
+            for (_, others) in pairs {
+                others.as_array_mut().unwrap().retain(|second| !names.iter().any(|name| second.as_str() == Some(name)));
+            }
+        }
+    });
+    let doubts = load(&bare, URDF).unwrap().doubts().join("\n");
+    assert!(doubts.contains("no capsule moves with arm_left_5_link"), "{doubts}");
+}
