@@ -240,21 +240,24 @@ fn fit(source: &Source, out: Option<&Path>, plan_out: Option<&Path>) -> Result<b
 /// Checks that each part of an arm has a capsule. Otherwise it could collide unseen.
 fn check_arms(model: &Model, capsules: &[Named], source: &Source) -> Result<(), CollisionError> {
     let bodies: Vec<usize> = capsules.iter().filter_map(|named| Some(model.link_body(&named.link)?.0)).collect();
+    let mut missing = Vec::new();
     for (side, arm) in ["left", "right"].into_iter().zip(&model.arms) {
         for (part, joints) in [("upper arm", 0..3), ("forearm", 3..5), ("hand", 5..7)] {
             let moved = |body: usize| arm.joints[joints.clone()].iter().any(|j| j + 1 == body);
             if !bodies.iter().any(|body| moved(*body)) {
-                let links = model.links().filter(|(_, body, _)| moved(*body)).map(|(name, ..)| name);
-                let links: Vec<&str> = links.collect();
-                let cause = format!(
-                    "the {side} {part} has no shape: {} have neither <collision> nor <visual>. Give links with shapes that are                      fixed to them, in a URDF of your own, as a second --urdf",
-                    links.join(", ")
-                );
-                return Err(CollisionError::content(source.urdf[0].display().to_string(), cause));
+                let links: Vec<&str> =
+                    model.links().filter(|(_, body, _)| moved(*body)).map(|(name, ..)| name).collect();
+                missing.push(format!("the {side} {part} ({})", links.join(", ")));
             }
         }
     }
-    Ok(())
+    if missing.is_empty() {
+        return Ok(());
+    }
+    let missing = missing.join(" and ");
+    let advice = "Write links with shapes, fixed to these, into a URDF of your own, and name it with a second --urdf";
+    let cause = format!("no link of {missing} has a <collision> or <visual> shape. {advice}");
+    Err(CollisionError::content(source.urdf[0].display().to_string(), cause))
 }
 
 /// Returns the links that carry capsules, then `None` for all of them.

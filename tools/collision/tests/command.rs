@@ -78,3 +78,27 @@ fn missing_files_are_named_with_what_to_do() {
         stderr(&output)
     );
 }
+
+/// An upper arm without any shape would collide unseen. The error names its links and what to do, and no step is repeated.
+#[test]
+fn arm_without_shapes_is_refused_by_its_links() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (toml, urdf) = (folder.path().join("openarm_v10.toml"), folder.path().join("openarm_v10.urdf"));
+    std::fs::copy(robots().join("openarm_v10.toml"), &toml).expect("copied");
+    let shape = "<collision><geometry><box size=\"0.02 0.02 0.02\"/></geometry></collision>";
+    let text = std::fs::read_to_string(robots().join("openarm_v10.urdf")).expect("there");
+    let shaped = ["left", "right"]
+        .into_iter()
+        .flat_map(|side| [5, 7].map(|n| format!("openarm_{side}_link{n}")))
+        .fold(text, |text, link| {
+            text.replace(&format!("<link name=\"{link}\">"), &format!("<link name=\"{link}\">{shape}"))
+        });
+    std::fs::write(&urdf, shaped).expect("written");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_collision"));
+    let output =
+        command.arg("fit").arg("--urdf").arg(&urdf).arg("--robot").arg(&toml).output().expect("collision runs");
+    assert_eq!(output.status.code(), Some(65), "{}", stderr(&output));
+    for part in ["the left upper arm (openarm_left_link1", "the right upper arm", "a second --urdf"] {
+        assert!(stderr(&output).contains(part), "{part}: {}", stderr(&output));
+    }
+}
