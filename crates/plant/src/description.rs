@@ -228,8 +228,12 @@ impl Body {
     fn read_pairs(&mut self, toml: &str, file: &RobotFile) -> Result<(), PlantError> {
         let count = self.capsules.len();
         let mut allowed = vec![false; count * count];
-        let tables =
-            [("adjacent", &file.collision.allowed.adjacent), ("proved_clear", &file.collision.allowed.proved_clear)];
+        let lists = &file.collision.allowed;
+        let tables = [
+            ("adjacent", &lists.adjacent),
+            ("proved_clear", &lists.proved_clear),
+            ("overlap_as_published", &lists.overlap_as_published),
+        ];
         for (table, rows) in tables {
             let index = |name: &str| {
                 let known = self.capsules.iter().position(|capsule| capsule.name == name);

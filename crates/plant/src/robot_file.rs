@@ -129,6 +129,8 @@ pub(crate) struct CapsuleRow {
 pub(crate) struct AllowedPairs {
     pub(crate) adjacent: BTreeMap<String, Vec<String>>,
     pub(crate) proved_clear: BTreeMap<String, Vec<String>>,
+    #[serde(default)]
+    pub(crate) overlap_as_published: BTreeMap<String, Vec<String>>,
 }
 
 /// Limits that the file adds to the URDF's limits of one joint, SI.
