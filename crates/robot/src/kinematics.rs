@@ -59,8 +59,8 @@ impl Model {
     /// base_from_body = base_from_parent * (parent_from_joint * motion(q)), parents before children.
     pub fn forward(&self, q: &[f64; JOINTS_MAX], out: &mut Frames) {
         out.base_from_body[0] = Pose::identity();
-        for j in 0..self.joint_frames.len() {
-            self.forward_joint(j, q[j], out);
+        for (j, q) in q.iter().enumerate().take(self.joint_frames.len()) {
+            self.forward_joint(j, *q, out);
         }
     }
 

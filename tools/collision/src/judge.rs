@@ -24,7 +24,7 @@ pub struct Judge<'a> {
 /// neck.
 const HULL_JOINTS_MAX: usize = 3;
 /// Largest number of cells that a proof by fragments may visit. Their distances are slow.
-const FRAGMENT_CELLS_MAX: usize = 100_000;
+const FRAGMENT_CELLS_MAX: usize = 20_000;
 
 /// Edge of the cubes in which one corner of a hull stands for all, m (chosen).
 const CUBE_M: f64 = 0.004;
