@@ -29,6 +29,12 @@ impl Timeline {
         }
     }
 
+    /// Records that a process with another cycle ran until tick `k`. If it `paused`, the ticks before are missing.
+    pub fn add_until(&mut self, k: u64, paused: bool) {
+        let next = self.span().map_or(k, |(_, last)| last + 1);
+        (if paused { k } else { next }..=k).for_each(|k| self.add(k));
+    }
+
     pub fn ticks_within(&self, first: u64, last: u64) -> u64 {
         self.runs
             .iter()

@@ -199,16 +199,7 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
             Some(why) => format!("{meaning} Last reason: {why}."),
             None => meaning.into(),
         },
-        (Fault::TrackingError, _) => {
-            let joint = status.tracking_joint.saturating_sub(1) as usize;
-            let (name, unit) = (names.joint(joint), names.unit(joint));
-            let error = format!("{:.4} {unit}", status.tracking_error);
-            if Faults(status.faults).has(fault) {
-                format!("{meaning} {name} is {error} from its command.")
-            } else {
-                format!("{meaning} That is over: now {name} is the farthest from its command, by {error}.")
-            }
-        }
+        (Fault::TrackingError, _) => format!("{meaning} {}", off_course(status, names)),
         // Only the simulator engages without real-time scheduling.
         (Fault::FeedbackInvalid | Fault::DriverFault | Fault::StateStale | Fault::DeadlineMissed, _)
             if status.realtime == 0 =>
@@ -236,6 +227,17 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
             None => meaning.into(),
         },
         _ => meaning.into(),
+    }
+}
+
+/// Says which joint is the farthest from its command, now.
+fn off_course(status: &Status, names: &Names) -> String {
+    let joint = status.tracking_joint.saturating_sub(1) as usize;
+    let (name, error) = (names.joint(joint), format!("{:.4} {}", status.tracking_error, names.unit(joint)));
+    if Faults(status.faults).has(Fault::TrackingError) {
+        format!("{name} is {error} from its command.")
+    } else {
+        format!("That is over: now {name} is the farthest from its command, by {error}.")
     }
 }
 

@@ -88,7 +88,7 @@ pub struct Guesses {
     pub up: &'static str,
     /// Other warnings of the reader, one sentence each.
     pub warnings: Vec<String>,
-    /// What is lost if the file is damaged or truncated.
+    /// Sentence on the loss, if the file is damaged or truncated.
     pub lost: Option<String>,
 }
 

@@ -94,7 +94,7 @@ pub(crate) struct Parts<R> {
     unpacked: u64,
     /// Place behind the end mark.
     pub(crate) end: Option<u64>,
-    /// What is damaged or missing, a phrase each.
+    /// Phrases on what is damaged or missing.
     pub(crate) lost: Vec<String>,
 }
 

@@ -18,6 +18,7 @@ fn good() -> Facts {
     let map = CoreMap { allowed: vec![0, 1, 2], isolated: vec![3], online: vec![0, 1, 2, 3] };
     Facts {
         files: Files {
+            doubts: Vec::new(),
             settings: Ok(settings()),
             config: "teleop.toml".into(),
             robot: ok("robot.toml"),

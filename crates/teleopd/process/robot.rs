@@ -53,13 +53,9 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         let now = rt::now();
         process.probe.record(Metric::WakeUp, cycle, now);
         let is_late = now.since(cycle) > CYCLE_NS;
-        if is_late {
-            // Missed cycles are skipped. The body moves on through them.
-            cycle = now;
-        }
-        let k = tick_at(now);
-        let next = timeline.span().map_or(k, |(_, last)| last + 1);
-        (if is_late { k } else { next }..=k).for_each(|k| timeline.add(k));
+        // Missed cycles are skipped. The body moves on through them.
+        cycle = if is_late { now } else { cycle };
+        timeline.add_until(tick_at(now), is_late);
         press(&mut robot, button.turned());
         // Each setpoint acts at the time at which it was sent, whenever this process woke up. If one setpoint of
         // a cycle is refused, the answer to all of them is a refusal.

@@ -225,9 +225,11 @@ fn f003_f004_f006_f007_f009_f010_f012_f013_f016_f017_f018_bad_input_of_400_ms_ne
 
 #[test]
 fn f001_f002_f011_arm_without_numbers_holds_and_goes_on_once_it_is_seen() {
-    let marks: [(&str, fn(&mut RawSkeleton)); 2] =
-        [("f001", |f| f.positions[20][1] = f32::NAN), ("f002", |f| f.rotations[17][3] = f32::NEG_INFINITY)];
-    for (name, mark) in marks {
+    let marks: [Lie; 2] = [
+        ("f001", Box::new(|f| f.positions[20][1] = f32::NAN)),
+        ("f002", Box::new(|f| f.rotations[17][3] = f32::NEG_INFINITY)),
+    ];
+    for (name, mut mark) in marks {
         let mut bench = ENGAGED.clone();
         let mut spoil = |f: &mut RawSkeleton| {
             mark(f);

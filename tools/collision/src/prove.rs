@@ -74,7 +74,7 @@ pub fn prove(model: &Model, a: &Capsule, b: &Capsule, clear_m: f64) -> Verdict {
 /// Positions of the deciding joints of two parts, in their order. Those of all other joints do not matter.
 type Positions = [f64; JOINTS_MAX];
 
-/// What becomes of a cell whose middle was looked at.
+/// Fate of a cell whose middle was looked at.
 enum Step {
     Done,
     Halve,

@@ -7,7 +7,7 @@ use record::{Compared, Recorded, Summary};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// What all readers make of a recording.
+/// Result of all readers of a recording.
 #[derive(Debug, PartialEq)]
 struct Reading {
     compared: Compared,

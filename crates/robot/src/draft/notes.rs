@@ -62,7 +62,13 @@ pub(super) fn notes(tree: &Tree, found: &Found) -> (Vec<String>, Vec<String>) {
             list(tree, &head)
         ));
     }
-    decisions.extend([
+    decisions.extend(always(tree, found));
+    (guesses, decisions)
+}
+
+/// Decisions about every robot.
+fn always(tree: &Tree, found: &Found) -> [String; 5] {
+    [
         format!(
             "base_height_m = {} is the height of `{}` above the lowest link's origin, with all joints at zero: enter \
              its height above the floor.",
@@ -78,8 +84,7 @@ pub(super) fn notes(tree: &Tree, found: &Found) -> (Vec<String>, Vec<String>) {
             .to_owned(),
         "Payload centres are where the hands grasp: they are zero until you enter them.".to_owned(),
         "One controller has all joints: name the robot's own under [[controllers]].".to_owned(),
-    ]);
-    (guesses, decisions)
+    ]
 }
 
 /// Body joints for which the URDF has a placeholder.
