@@ -30,7 +30,7 @@ const NETWORK: &str = "needs a network";
 const ROOT: &str = "needs root. tests/systemd runs the units";
 
 /// Rows by the beginning of the command. The first match applies.
-const ROWS: [(&str, How); 71] = [
+const ROWS: [(&str, How); 70] = [
     ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
     ("cargo run --release -- demo --robot", Ends(DEMO, "")),
     ("cargo run --release -- demo --motion", Ends(DEMO, "--seconds 3")),
@@ -73,7 +73,6 @@ const ROWS: [(&str, How); 71] = [
     ("cargo run --release -p simulate", Listed("takes minutes", "2026-11-24")),
     ("cargo run --release -p chaos", Listed("takes minutes", "2026-11-25")),
     ("cargo run --release -p latency", Listed("takes minutes", "2026-11-21")),
-    ("cargo build --release -p record && cargo run --release -p latency", Listed("takes minutes", "2026-11-22")),
     ("cargo run --release -p eval -- --human", Listed("compares with solvers for minutes", "2026-11-21")),
     ("cargo run --release -p eval -- --following", Ends(&[0], "--no-optimum")),
     ("cargo run --release -p eval -- --wires", Listed("takes minutes", "2026-11-27")),

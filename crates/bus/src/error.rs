@@ -30,9 +30,8 @@ pub enum BusError {
     /// The folder belongs to another user.
     #[error(
         "{}: this instance belongs to user {owner}, and this program runs as user {own}. Shared memory serves one \
-         user. Run this as that user (sudo -u '#{owner}' ...), or use the sockets of the instance: skeleton.sock, \
-         operator.sock",
-        root.display()
+         user. Run this as that user (sudo -u '#{owner}' ...), or use the instance's socket: --socket {}",
+        root.display(), root.with_file_name("skeleton.sock").display()
     )]
     Foreign { root: PathBuf, owner: u32, own: u32 },
     /// The domain was refused.

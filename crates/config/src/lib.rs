@@ -35,7 +35,9 @@ pub enum ConfigError {
     TooShort { file: String, key: &'static str, value: f64, least: f64, because: &'static str },
     #[error("{cause}")]
     Robot { cause: String },
-    #[error("--robot {name}: {folder} has no robot with this name; it has {known}")]
+    #[error(
+        "--robot {name}: {folder} has no robot with this name; it has {known}. Run from the repository's root, or give a robot file"
+    )]
     UnknownRobot { name: String, folder: String, known: String },
     #[error(transparent)]
     Layout(#[from] layouts::LayoutError),

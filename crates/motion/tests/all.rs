@@ -6,6 +6,7 @@ mod builtin;
 mod bvh;
 mod clips;
 mod estimates;
+mod options;
 mod recordings;
 mod rigs;
 mod writers;

@@ -20,6 +20,9 @@ struct Cli {
     /// Also write an archive of the programs, which can be unpacked anywhere. They must run with glibc 2.31.
     #[arg(long)]
     tarball: bool,
+    /// The archive is for this machine and those with a glibc that is not older.
+    #[arg(long, requires = "tarball")]
+    this_machine: bool,
     /// Folder of the programs in the archive.
     #[arg(long, value_name = "DIR", default_value = "target/release", requires = "tarball")]
     programs: PathBuf,
@@ -41,7 +44,7 @@ fn write(cli: &Cli) -> Result<(), String> {
     link(&out.join("links"))?;
     println!("wrote {}", out.display());
     if cli.tarball {
-        let archive = tarball::write(&root, &cli.programs, out, &settings_with(&text, "")?)?;
+        let archive = tarball::write(&root, &cli.programs, out, &settings_with(&text, "")?, cli.this_machine)?;
         println!("wrote {}", archive.display());
     }
     Ok(())

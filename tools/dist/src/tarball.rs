@@ -43,13 +43,13 @@ pub const GLIBC_MAX: Version = [2, 31];
 pub type Version = [u32; 2];
 
 /// Writes `teleopd-VERSION-ARCH-linux.tar.gz` into `out`. `programs` is the folder of the programs. `out`
-/// already has man pages, completions and notices.
-pub fn write(root: &Path, programs: &Path, out: &Path, settings: &str) -> Result<PathBuf, String> {
+/// already has man pages, completions and notices. With `any_glibc` the programs may need one that is newer than [`GLIBC_MAX`].
+pub fn write(root: &Path, programs: &Path, out: &Path, settings: &str, any_glibc: bool) -> Result<PathBuf, String> {
     let name = format!("teleopd-{}-{}-linux", env!("CARGO_PKG_VERSION"), std::env::consts::ARCH);
     let mut files: BTreeMap<String, Content> = BTreeMap::new();
     for (program, as_name) in PROGRAMS {
         let path = programs.join(program);
-        refuse_new_glibc(&path)?;
+        refuse_new_glibc(&path, any_glibc)?;
         files.insert(format!("bin/{as_name}"), Content::Program(path));
     }
     files.extend(LINKS.map(|link| (format!("bin/{link}"), Content::Link(LINKED))));
@@ -120,16 +120,16 @@ fn files_of(folder: &Path) -> Result<Vec<PathBuf>, String> {
     Ok(entries.flatten().map(|entry| entry.path()).filter(|path| path.is_file()).collect())
 }
 
-fn refuse_new_glibc(program: &Path) -> Result<(), String> {
+fn refuse_new_glibc(program: &Path, any_glibc: bool) -> Result<(), String> {
     let bytes = std::fs::read(program).map_err(|error| {
         format!("{}: {error}; build it first: cargo build --release --workspace", program.display())
     })?;
-    match newest_glibc(&bytes).filter(|needed| *needed > GLIBC_MAX) {
+    match newest_glibc(&bytes).filter(|needed| *needed > GLIBC_MAX && !any_glibc) {
         None => Ok(()),
         Some([major, minor]) => Err(format!(
             "{} needs glibc {major}.{minor}, but the archive must run with {}.{}. Build for that version: pip install \
              ziglang cargo-zigbuild && cargo zigbuild --release --workspace --target {}-unknown-linux-gnu.{}.{}, then \
-             give its folder as --programs",
+             give its folder as --programs. Or give --this-machine",
             program.display(),
             GLIBC_MAX[0],
             GLIBC_MAX[1],

@@ -2,7 +2,7 @@
 
 use clap::{ArgGroup, Parser};
 use config::RobotChoice;
-use motion::CalibrationMode;
+use motion::{CalibrationMode, LoadOptions};
 use std::path::PathBuf;
 
 /// Compares retargeting methods on recorded motion: their distance to the human and to the best that the arm
@@ -69,6 +69,8 @@ pub struct Cli {
     /// the momentary elbow plane, or the rig. The rig is for motions that this project makes itself
     #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
     pub calibration: CalibrationMode,
+    #[command(flatten)]
+    pub load: LoadOptions,
     /// Write the figures to this file as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

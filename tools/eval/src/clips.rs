@@ -1,7 +1,7 @@
 //! Recorded motion as input of the methods: the selected clips of a folder, and the motion of both arms in them.
 
 use messages::SMPL_JOINTS;
-use motion::{CalibrationMode, Motion};
+use motion::{CalibrationMode, LoadOptions, Motion};
 use retarget::Limbs;
 use rt::{Exit, Failure};
 use std::path::{Path, PathBuf};
@@ -50,6 +50,7 @@ pub fn read(
     folder: &Path,
     names: Option<&str>,
     calibration: CalibrationMode,
+    load: &LoadOptions,
 ) -> Result<(Vec<Clip>, Vec<Skipped>), Failure> {
     let files = chosen(folder, names)?;
     let (mut clips, mut skipped) = (Vec::new(), Vec::new());
@@ -57,7 +58,7 @@ pub fn read(
         if names.is_none() && files.len() >= VALIDATION_EVERY && !is_validation(index) {
             continue;
         }
-        let clip = motion::load(file).map_err(|error| error.to_string());
+        let clip = motion::load_with(file, load).map_err(|error| error.to_string());
         match clip.and_then(|motion| clip_of(&motion, calibration)) {
             Ok(clip) => clips.push(clip),
             Err(reason) if names.is_some_and(|names| names != "all") => {

@@ -97,7 +97,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
     let config = world::input_config(&loaded.settings.ingest, loaded.layouts, &loaded.operators, loaded.lifter);
     let motions: Vec<Motion> = chosen(folder, cli.clips.as_deref())?
         .iter()
-        .filter_map(|file| match motion::load(file) {
+        .filter_map(|file| match motion::load_with(file, &cli.load) {
             Ok(motion) => Some(motion),
             Err(error) => {
                 eprintln!("skipped {error}");

@@ -44,7 +44,7 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), Failure> {
     let model = read_model(&cli.robot().shipped_file().map_err(Failure::with(Exit::Config))?)?;
     let identity = ArmIdentity::from_model(&model);
     let weights = read_weights(cli, &identity)?;
-    let (clips, skipped) = clips::read(human, cli.clips.as_deref(), cli.calibration)?;
+    let (clips, skipped) = clips::read(human, cli.clips.as_deref(), cli.calibration, &cli.load)?;
     for (file, reason) in &skipped {
         eprintln!("skipped {file}: {reason}");
     }

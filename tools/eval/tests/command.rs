@@ -110,7 +110,8 @@ fn default_clips_are_those_left_out_of_training() {
     let folder = folder(&names, 30);
     let mode = CalibrationMode::First10s;
     let chosen = |names: Option<&str>| -> Vec<String> {
-        let (clips, _) = clips::read(folder.path(), names, mode).expect("the folder is read");
+        let (clips, _) =
+            clips::read(folder.path(), names, mode, &motion::LoadOptions::default()).expect("the folder is read");
         clips.into_iter().map(|clip| clip.name).collect()
     };
     let left_out = train::clips::Clips::read(folder.path(), mode).expect("the folder is read").validation;

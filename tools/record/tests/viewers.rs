@@ -94,7 +94,7 @@ fn recording_view_has_duration_and_events_and_reports_a_cut() {
     let (half, broken_off) = part("half.mcap", &whole[..whole.len() / 2]).expect("its first half");
     assert!(half.duration_s() < 0.8 * recording.duration_s() && broken_off.is_some(), "{} s", half.duration_s());
     let reported = part("head.mcap", &whole[..5000]).err().map(|error| error.to_string()).unwrap_or_default();
-    assert!(reported.contains("head.mcap") && reported.contains("before the first message"), "{reported}");
+    assert!(reported.contains("head.mcap") && reported.contains("it has no whole message"), "{reported}");
 }
 
 /// Runs the program, as `teleopd view FILE` starts it.

@@ -36,6 +36,9 @@ pub fn text(plan: &Plan, sum: &Summary, config: &Path, wall_s: f64) -> String {
         sum.transitions,
         sum.back_after_max as f64 / TICK_HZ as f64
     );
+    if engaged == 0.0 {
+        out += "the robot was never engaged, so this shows little: every other seed begins engaged, so give --seeds 2 or more\n";
+    }
     let least = (0..KINDS.len()).filter(|kind| plan.kinds.contains(kind)).min_by_key(|&kind| sum.fired[kind]);
     if let Some(least) = least {
         let _ = writeln!(

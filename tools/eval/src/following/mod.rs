@@ -62,7 +62,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
     delays_ms.dedup();
     let clip = |file: &PathBuf| -> Result<Result<ClipFigures, String>, Failure> {
         let _ = rt::flush_denormals();
-        let played = motion::load(file).map_err(|error| error.to_string());
+        let played = motion::load_with(file, &cli.load).map_err(|error| error.to_string());
         let played = match played.and_then(|motion| stage.play(&motion, cli.calibration)) {
             Ok(played) => played,
             Err(why) => return Ok(Err(why)),

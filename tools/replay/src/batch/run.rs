@@ -84,10 +84,10 @@ pub fn run(
     apart(cli, input, out)?;
     let mut summary = Summary { no_motion: listing.skipped, ..Summary::default() };
     let jobs = plan(cli, input, out, listing.files, &mut summary);
-    let options_sha256 = options_sha256(cli, &model)?;
-    let manifest = Manifest::open(out)?;
     let settings = || config::load(&cli.config, config::Overrides::robot(Some(&cli.robot)));
     let loaded = cli.safe.then(settings).transpose().map_err(Failure::with(Exit::Config))?;
+    let options_sha256 = options_sha256(cli, &model, loaded.as_ref().map(|loaded| loaded.hash))?;
+    let manifest = Manifest::open(out)?;
     let shared = Shared { cli, loaded, model: &model, postures: &postures, options_sha256, manifest, shutdown };
     progress.set_length(jobs.iter().map(|job| job.bytes).sum());
     let outcomes = in_parallel(cli.threads().min(jobs.len()), jobs.len(), |i| {
@@ -114,6 +114,8 @@ pub(crate) fn load(cli: &Cli) -> Result<(Model, Postures), Failure> {
     let refused = Failure::with(Exit::Config);
     let (model, _) = cli.robot.shipped_file().and_then(|file| config::load_model(&file)).map_err(refused)?;
     let weights = match cli.method {
+        // The stages of --safe have the weights of the settings.
+        _ if cli.safe => None,
         Method::Network => Some(config::load_weights(&cli.weights(), &model).map_err(refused)?),
         Method::ClosedForm => None,
     };
@@ -158,14 +160,13 @@ fn plan(cli: &Cli, input: &Path, out: &Path, files: Vec<PathBuf>, summary: &mut 
 }
 
 /// Returns one hash of everything except the motion file that affects a result.
-fn options_sha256(cli: &Cli, model: &Model) -> Result<String, Failure> {
+fn options_sha256(cli: &Cli, model: &Model, settings: Option<u64>) -> Result<String, Failure> {
     let rate = match cli.rate {
         Rate::Source => "source".to_owned(),
         Rate::Hz(hz) => hz.to_string(),
     };
     let mut text = format!(
-        "{} {} {:?} {rate} {:?} {} {} {} {:?} {:?} {:016x}",
-        if cli.safe { "safe" } else { "postures" },
+        "{} {settings:?} {:?} {rate} {:?} {} {} {} {:?} {:?} {:016x}",
         env!("CARGO_PKG_VERSION"),
         cli.format,
         cli.method,
@@ -178,8 +179,7 @@ fn options_sha256(cli: &Cli, model: &Model) -> Result<String, Failure> {
     );
     let named = [&cli.load.mean, &cli.load.std, &cli.load.map];
     let mut files: Vec<PathBuf> = named.into_iter().flatten().cloned().collect();
-    files.extend(cli.safe.then(|| cli.config.clone()));
-    if cli.method == Method::Network {
+    if cli.method == Method::Network && !cli.safe {
         let with = |extension: &str| PathBuf::from(format!("{}.{extension}", cli.weights().display()));
         files.extend([with("toml"), with("safetensors")]);
     }
