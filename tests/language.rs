@@ -40,7 +40,7 @@ const SENTENCE_WORDS_MAX: usize = 30;
 
 /// Budget of lines for each part of the tree: the count of 2026-11-29, with the lifter of a camera's points. Raising one is a
 /// decision.
-const BUDGETS: [(&str, usize); 3] = [("product", 73_100), ("tools", 29_900), ("tests", 47_360)];
+const BUDGETS: [(&str, usize); 3] = [("product", 73_150), ("tools", 29_920), ("tests", 47_460)];
 
 fn rust() -> Vec<(String, String)> {
     let mut all = sources::rust_files();

@@ -14,7 +14,7 @@ use messages::{FAULTS, Fault, Faults, Mode, Response, Status};
 use operator::{Client, OperatorError, StopPress};
 use robot::Names;
 use rt::{err, out};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -80,24 +80,24 @@ fn estop(socket: &Path) -> Result<bool, OperatorError> {
                     err!("teleopctl: {error}; still pressing");
                 }
             }
-            Err(OperatorError::Closed { path } | OperatorError::Timeout { path, .. }) => {
-                return unanswered(path, press.is_heard());
-            }
-            Err(error) => return Err(error),
+            Err(error) => return unanswered(socket, error, press.is_heard()),
         }
         std::thread::sleep(HEARTBEAT);
     }
 }
 
-/// Says what a press came to whose connections all ended.
-fn unanswered(path: PathBuf, is_heard: bool) -> Result<bool, OperatorError> {
-    match path.parent().and_then(operator::linked_robot) {
-        Some(robot) => Err(OperatorError::Unanswered { path, robot, within_s: EFFECT_WITHIN.as_secs() }),
-        None if is_heard => {
+/// Says what a press came to that nothing answers any more.
+fn unanswered(socket: &Path, error: OperatorError, is_heard: bool) -> Result<bool, OperatorError> {
+    let robot = socket.parent().and_then(operator::linked_robot);
+    match (error, robot) {
+        (OperatorError::Closed { path } | OperatorError::Timeout { path, .. }, Some(robot)) => {
+            Err(OperatorError::Unanswered { path, robot, within_s: EFFECT_WITHIN.as_secs() })
+        }
+        (OperatorError::Closed { .. }, None) if is_heard => {
             out!("pressed, and control received it; all connections are in use, so the mode cannot be shown here");
             Ok(true)
         }
-        None => Err(OperatorError::Closed { path }),
+        (error, _) => Err(error),
     }
 }
 

@@ -47,6 +47,13 @@ fn leave(map: &Map, raw: &mut RawSkeleton, joint: usize, local: bool) {
             }
         }
     }
+    // The robot's head follows the head's own rotation, which a local neck turns.
+    if is(&Smpl::Head) || local && is(&Smpl::Neck) {
+        let head = map.from[Smpl::Head as usize][0];
+        if head != NONE {
+            raw.confidence[usize::from(head)] = 0.0;
+        }
+    }
     if local && (TRUNK.iter().any(is) || map.from.iter().all(|from| usize::from(from[0]) != joint)) {
         raw.confidence[joint] = 0.0;
     }

@@ -83,6 +83,12 @@ fn f001_joint_that_is_marked_as_not_seen_costs_no_other_in_every_layout() {
             let mut raw = good;
             raw.confidence[index] = f32::NAN;
             check(&raw, smpl, [0, 0]);
+            if let Some(head) = client.index(15).filter(|_| client.rotations) {
+                let mut raw = good;
+                raw.rotations[head] = [f32::NAN; 4];
+                let found = accept(&Layouts::default(), &raw).expect("the arms are seen");
+                assert_eq!(found.flags & skeleton_flag::HEAD, 0, "{}", raw.layout);
+            }
             for mark in [[f32::NAN; 4], [0.0; 4]].into_iter().filter(|_| client.rotations) {
                 let mut raw = good;
                 raw.rotations[index] = mark;

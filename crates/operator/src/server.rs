@@ -20,6 +20,9 @@ const REQUESTS_MAX: usize = 8;
 /// Age of its last request from which a connection counts as forgotten: ten heartbeats.
 const IDLE_NS: u64 = 200_000_000;
 
+/// Silence after which a connection ends that waits for the answer to a stop: a client repeats its request after 200 ms.
+const WAITS_NS: u64 = 500_000_000;
+
 /// Log records that are kept until they are taken. Further actions are only counted.
 const RECORDS_MAX: usize = 32;
 
@@ -105,33 +108,31 @@ impl Server {
         self.merge.counts
     }
 
-    /// Takes emergency stops alone, while nobody answers. Every connection ends, but for those that pressed it: they wait
-    /// for `reply`, which shows the stop.
-    pub fn poll_stops(&mut self, now: Stamp, reply: Option<&Status>) -> OperatorCounts {
+    /// Takes requests while nobody answers. Of the counts only the emergency stops may be used. Every connection ends, but for
+    /// those that pressed a stop and hold nothing: each of their next requests gets `reply`, which shows the stop. `begins` is
+    /// true in the first such round. It ends all connections.
+    pub fn poll_stops(&mut self, now: Stamp, reply: Option<&Status>, begins: bool) -> OperatorCounts {
         self.merge.begin(now, self.lease_ns);
-        while let Some(index) = self.clients.iter().position(Option::is_none) {
+        let reply = reply.filter(|_| !begins).map(|reply| codec::encode_status(&self.reply(reply)));
+        for index in 0..CLIENTS_MAX {
+            let waited = self.clients[index].as_ref().is_some_and(|(_, _, seat)| seat.has_pressed_stop());
+            let stays = self.serve(index, now, reply.as_ref().filter(|_| waited).map_or(&[], |reply| &reply[..]));
+            // Nothing is held here, even if it was pressed.
+            self.merge.gone(index);
+            let Some((.., seat)) = &self.clients[index] else { continue };
+            let waits = (seat.is_new() || seat.has_pressed_stop()) && now.since(seat.heard) < WAITS_NS;
+            if begins || !stays || !waits {
+                self.clients[index] = None;
+            }
+        }
+        for _ in 0..CLIENTS_MAX {
             match self.listener.accept() {
                 None => break,
                 Some(Admission::Forbidden(..)) => self.merge.counts.connections_refused += 1,
-                Some(Admission::Admitted(socket, peer)) => {
-                    self.clients[index] = Some((socket, peer, Connection::new(now)));
-                }
-            }
-        }
-        let reply = reply.map(|reply| codec::encode_status(&self.reply(reply)));
-        for index in 0..CLIENTS_MAX {
-            let waited = self.clients[index].as_ref().is_some_and(|(_, _, seat)| seat.has_pressed_stop());
-            let stays = self.serve(index, now, &[]);
-            // Nothing is held here, even if it was pressed.
-            self.merge.gone(index);
-            let Some((socket, _, seat)) = &self.clients[index] else { continue };
-            if let Some(reply) = reply.as_ref().filter(|_| waited) {
-                answer(socket, reply);
-            }
-            let is_new = seat.is_new() && now.since(seat.heard) < IDLE_NS;
-            let waits = seat.has_pressed_stop() && !(waited && reply.is_some());
-            if !stays || !(is_new || waits) {
-                self.clients[index] = None;
+                Some(Admission::Admitted(socket, peer)) => match self.clients.iter().position(Option::is_none) {
+                    Some(index) => self.clients[index] = Some((socket, peer, Connection::new(now))),
+                    None => self.turn_away(&socket, peer, &[]),
+                },
             }
         }
         self.merge.counts.connections = self.connections();
@@ -189,14 +190,14 @@ impl Server {
                         self.clients[index] = Some((socket, peer, Connection::new(now)));
                         self.record(AuditEvent::Connected, peer);
                     }
-                    None => self.turn_away(&socket, peer, reply),
+                    None => self.turn_away(&socket, peer, &codec::encode_status(reply)),
                 },
             }
         }
     }
 
     /// Takes only an emergency stop from a client that gets no place.
-    fn turn_away(&mut self, socket: &OwnedFd, peer: Peer, reply: &Status) {
+    fn turn_away(&mut self, socket: &OwnedFd, peer: Peer, reply: &[u8]) {
         self.merge.counts.connections_refused += 1;
         let mut bytes = [0; REQUEST_BYTES + 1];
         for _ in 0..REQUESTS_MAX {
@@ -204,7 +205,7 @@ impl Server {
             if codec::decode_request(&bytes[..length]).is_some_and(|request| self.merge.stop_alone(peer.uid, &request))
             {
                 self.record(AuditEvent::EmergencyStop, peer);
-                answer(socket, &codec::encode_status(reply));
+                answer(socket, reply);
                 return;
             }
         }

@@ -76,6 +76,13 @@ impl Raw {
         }
     }
 
+    /// Faults in the newest reply. `None` if none waits.
+    fn reply(&self) -> Option<u64> {
+        let mut bytes = [0; operator::STATUS_BYTES];
+        let (length, _) = rustix::net::recv(&self.socket, &mut bytes[..], rustix::net::RecvFlags::DONTWAIT).ok()?;
+        operator::decode_status(&bytes[..length]).map(|status| status.latched)
+    }
+
     fn send(&mut self, change: impl Fn(&mut OperatorRequest)) {
         change(&mut self.request);
         self.request.sequence += 1;
@@ -446,4 +453,33 @@ fn payload_of_each_hand_is_newest_report_of_any_client() {
     clients[0].send(|_| {});
     let counts = rig.poll();
     assert_eq!((counts.payload_edges, counts.held.payload[0]), ([2, 1], order(0.75, None)));
+}
+
+#[test]
+fn while_nobody_answers_only_a_stop_counts_and_its_reply_comes_with_the_next_request() {
+    let mut rig = Rig::new();
+    let (mut holder, idle) = (rig.raw(), rig.raw());
+    holder.press();
+    assert!(rig.poll().held.enable_level);
+    holder.send(|_| ());
+    let latched = Status { latched: 7, ..Status::ZERO };
+    let before = rig.server.poll_stops(rig.now, Some(&latched), true);
+    assert!(!before.held.enable_level && !holder.is_kept() && !idle.is_kept(), "all connections end");
+    let (mut holder, mut presser) = (rig.raw(), rig.raw());
+    rig.server.poll_stops(rig.now, None, false);
+    holder.press();
+    presser.send(|r| r.estop_count += 1);
+    let counts = rig.server.poll_stops(rig.now, Some(&latched), false);
+    assert_eq!((counts.estop_edges, counts.held.enable_level), (1, false));
+    assert!(!holder.is_kept(), "an enable has no place here");
+    assert_eq!(presser.reply(), None, "a stop that was heard is not this one");
+    presser.send(|_| ());
+    rig.server.poll_stops(rig.now, None, false);
+    assert_eq!(presser.reply(), None);
+    presser.send(|_| ());
+    let counts = rig.server.poll_stops(rig.now, Some(&latched), false);
+    assert_eq!((presser.reply(), counts.estop_edges), (Some(7), 1));
+    rig.now = Stamp(rig.now.0 + 1_000_000_000);
+    rig.server.poll_stops(rig.now, None, false);
+    assert!(!presser.is_kept(), "a client that fell silent");
 }

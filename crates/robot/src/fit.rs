@@ -27,12 +27,27 @@ pub(crate) struct FitEntry {
 
 impl Model {
     /// The text of the robot file with the record of a fit below it, in the place of an older one.
+    ///
+    /// # Errors
+    /// Refuses a file with something else below the old record, or with a record in another place.
     pub fn signed(&self) -> Result<String, RobotError> {
         let file = RobotFile::parse(&self.texts.toml_name, &self.texts.toml)?;
         let entry = BTreeMap::from([("collision", BTreeMap::from([("fit", self.fit_entry(&file))]))]);
         // Serialising strings, numbers and tables cannot fail.
         let record = toml::to_string(&entry).unwrap_or_default();
-        let text = self.texts.toml.split(MARK).next().unwrap_or_default();
+        let (text, below) = self.texts.toml.split_once(MARK).unwrap_or((&self.texts.toml, ""));
+        let is_record = |below: toml::Table| match below.get("collision").and_then(toml::Value::as_table) {
+            Some(table) => below.len() == 1 && table.len() == 1 && table.contains_key("fit"),
+            None => below.is_empty(),
+        };
+        if !toml::from_str(below).is_ok_and(is_record) || below.is_empty() && file.collision.fit.is_some() {
+            let (key, bound) = (
+                "[collision.fit]",
+                "the last thing in the file, below its own comment: move what stands below it \
+                                                    up, or remove the record",
+            );
+            return Err(RobotError::value(&self.texts.toml_name, key.to_owned(), "in another place".to_owned(), bound));
+        }
         Ok(format!("{}\n\n{MARK}{record}", text.trim_end()))
     }
 

@@ -21,8 +21,10 @@ const STEP_SHARES: [f64; 2] = [0.25, 0.01];
 
 impl Model {
     /// Checks the pairs that are left out as proved clear in so many postures, the same in each call. From the nearest
-    /// ones it goes on to nearer ones. It skips pairs with three joints or less between them.
+    /// ones it goes on to nearer ones. It skips pairs with three joints or less between them. Checks in the same postures that
+    /// pairs listed as overlapping are never farther apart than the clearance.
     pub fn check_proved_clear(&self, postures: u64) -> Result<(), RobotError> {
+        self.check_overlaps(postures)?;
         let proved = self.allowed.iter().filter(|pair| pair.reason == AllowedReason::ProvedClear);
         let joined = proved.map(|pair| (pair, self.joints_between(pair)));
         let pairs: Vec<_> = joined.filter(|(_, joints)| joints.len() > HULL_JOINTS_MAX).collect();
@@ -43,6 +45,33 @@ impl Model {
                 let bound = "must stay apart in every posture within the limits: fit again with `collision fit`, or take \
                              the pair out of the table";
                 let value = format!("overlap of {:.1} mm", -apart_m * 1e3);
+                return Err(RobotError::value(&self.texts.toml_name, key, value, bound));
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks the pairs that are left out because the maker's shapes overlap. Capsules contain these shapes, so one posture in
+    /// which the capsules are apart refutes it.
+    fn check_overlaps(&self, postures: u64) -> Result<(), RobotError> {
+        let listed = self.allowed.iter().filter(|pair| pair.reason == AllowedReason::OverlapAsPublished);
+        let mut frames = Frames::default();
+        for pair in listed {
+            let joints = self.joints_between(pair).len();
+            let apart_m = (0..postures).map(|index| {
+                self.forward(&self.posture(index), &mut frames);
+                self.apart_m(pair, &frames)
+            });
+            let most_m = apart_m.fold(f64::NEG_INFINITY, f64::max);
+            if joints > HULL_JOINTS_MAX || !(most_m <= self.d_min_m) {
+                let [a, b] = [pair.a, pair.b].map(|at| self.capsules[at].name.as_str());
+                let key = format!("collision.allowed.overlap_as_published: `{a}` and `{b}`");
+                let value = format!("{joints} joints between them, up to {:.1} mm apart", most_m * 1e3);
+                let bound = format!(
+                    "at most {HULL_JOINTS_MAX} joints and {:.1} mm: take the pair out of the table, or fit again with \
+                     `collision fit`",
+                    self.d_min_m * 1e3
+                );
                 return Err(RobotError::value(&self.texts.toml_name, key, value, bound));
             }
         }

@@ -111,3 +111,31 @@ fn moving_link_without_capsule_is_a_doubt() {
     let doubts = load(&bare, URDF).unwrap().doubts().join("\n");
     assert!(doubts.contains("no capsule moves with arm_left_5_link"), "{doubts}");
 }
+
+#[test]
+fn pair_that_is_apart_somewhere_does_not_overlap_as_published() {
+    let listed = changed(|table| {
+        let collision = table["collision"].as_table_mut().unwrap();
+        collision.remove("fit");
+        let pairs = toml::Table::from_iter([("hand_left_0".to_owned(), toml::Value::from(vec!["hand_right_0"]))]);
+        collision["allowed"].as_table_mut().unwrap().insert("overlap_as_published".into(), pairs.into());
+    });
+    let model = load(&listed, URDF).unwrap();
+    let error = model.check_proved_clear(64).expect_err("hands are apart").to_string();
+    for part in ["overlap_as_published: `hand_left_0` and `hand_right_0`", "joints between them", "collision fit"] {
+        assert!(error.contains(part), "{error}");
+    }
+}
+
+#[test]
+fn record_is_replaced_only_where_it_is_the_last() {
+    let signed = load(&changed(|table| drop(table["collision"].as_table_mut().unwrap().remove("fit"))), URDF).unwrap();
+    let signed = signed.signed().unwrap();
+    let slow = "\n[tighten.arm_left_1_joint]\nvelocity_max_rad_per_s = 0.1\n\
+                \n[tighten.arm_right_1_joint]\nvelocity_max_rad_per_s = 0.1\n";
+    let below = load(&format!("{signed}{slow}"), URDF).unwrap().signed().expect_err("limits below the record");
+    assert!(below.to_string().contains("[collision.fit] = in another place"), "{below}");
+    let unmarked: String =
+        signed.lines().filter(|line| !line.starts_with("# What")).map(|l| format!("{l}\n")).collect();
+    assert!(load(&unmarked, URDF).unwrap().signed().is_err(), "a record without its comment");
+}

@@ -291,6 +291,10 @@ fn check(source: &Source, sign: bool) -> Result<bool, CollisionError> {
         out!("fitted again: at most {:.3} mm from the file, at {name}", deviation_m * 1e3);
         good &= *deviation_m <= SAME_FIT_M && capsules.len() == model.capsules.len();
     }
+    if sign && capsules.is_empty() {
+        out!("nothing was fitted: without shapes or a plan nothing shows that the capsules contain the robot");
+        good = false;
+    }
     let names: Vec<String> = capsules.iter().map(|capsule| capsule.name.clone()).collect();
     for reason in reasons(&model, &Judge::new(&model, &texts.plan, &capsules), &names) {
         let why = match (reason.reason, reason.proof) {

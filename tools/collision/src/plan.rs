@@ -16,7 +16,7 @@ pub struct Plan {
     /// Without that proof, a pair is proved clear if the convex hulls of both capsules' contents stay farther
     /// apart than this, mm.
     pub clear_hull_mm: f64,
-    /// The same bound for the pairs named in `close`, mm. It may hold for the surfaces instead of the hulls.
+    /// The same bound for the pairs named in `close`, and for parts that keep a posture, mm. It may hold for the surfaces instead of the hulls.
     pub clear_close_mm: f64,
     /// Capsules of one wrist, shoulder or neck that are built closer together than the clearance.
     pub close: Vec<[String; 2]>,
@@ -137,6 +137,8 @@ impl Plan {
             ("margin_mm", plan.margin_mm, 0.0),
             ("clear_mm", plan.clear_mm, 1.0),
             ("clear_hull_mm", plan.clear_hull_mm, 0.0),
+            // Above the error of the proofs' arithmetic.
+            ("clear_close_mm", plan.clear_close_mm, 0.1),
         ];
         for (key, value, least) in bounds {
             if !(value >= least && value <= 100.0) {

@@ -96,6 +96,10 @@ fn stage_joints(limbs: Vec<[[f32; 4]; LIMBS]>, settings: &Settings) -> Vec<[f64;
 #[test]
 fn safe_batch_keeps_every_speed_limit_that_its_postures_break() {
     let (_folder, input, out) = folders();
+    // Four times as fast as the person was.
+    let mut fast = clip(400, 320);
+    fast.frames = fast.frames.into_iter().step_by(4).collect();
+    motion::save_bvh(&fast, &input.join("a.bvh")).expect("saved");
     let (model, _) = config::load_model(&robot()).expect("the robot");
     let settings = repository().join("config/teleop.toml");
     let safe = ["--safe", "--config", settings.to_str().expect("text")];

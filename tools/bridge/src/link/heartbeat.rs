@@ -29,6 +29,15 @@ impl Heartbeat {
         self.request.release_count = self.request.release_count.wrapping_add(1);
     }
 
+    /// Adds the emergency stops of the socket's counts, and nothing else of them. Returns true if there are any.
+    pub(super) fn update_stops(&mut self, counts: &OperatorCounts) -> bool {
+        let stops = counts.estop_edges.saturating_sub(self.seen.estop_edges) as u32;
+        self.request.estop_count = self.request.estop_count.wrapping_add(stops);
+        self.seen = *counts;
+        self.waiting = [None; 2];
+        stops > 0
+    }
+
     /// Adds the socket's counts. Returns true if something was pressed or let go, which must not wait for the next beat.
     pub(super) fn update(&mut self, counts: &OperatorCounts) -> bool {
         let (before, seen) = (self.request, self.seen);

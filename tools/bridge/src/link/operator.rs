@@ -209,9 +209,9 @@ impl Operator {
         let stopped = Status { mode: Mode::Faulted as u32, latched, ..Status::ZERO };
         let stops = self.end.stops_heard();
         let has_stopped = stops != 0 && stops == self.heartbeat.request.estop_count;
-        let counts = self.operators.poll_stops(now, has_stopped.then_some(&stopped));
-        let pressed = self.heartbeat.update(&counts);
         let was_open = std::mem::take(&mut self.is_open);
+        let counts = self.operators.poll_stops(now, has_stopped.then_some(&stopped), was_open);
+        let pressed = self.heartbeat.update_stops(&counts);
         if was_open {
             self.heartbeat.withdraw();
         }

@@ -9,7 +9,7 @@ use rt::{Exit, Failure};
 use std::path::Path;
 use world::{Offline, OfflineEnd};
 
-/// Largest number of commands of a file: ten minutes, 122 MB for the 17 joints of TIAGo++. `replay --offline` has no bound.
+/// Largest number of commands of a file: ten minutes, 180 MB. `replay --offline` has no bound.
 const COMMANDS_MAX: usize = 600 * TICK_HZ as usize;
 
 /// Returns the commands of a motion, from the robot's start until it is at rest again. `None` if `interrupted` returned true.
