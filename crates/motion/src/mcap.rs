@@ -276,7 +276,7 @@ impl<R: Read + Seek> Reader<R> {
                     rest = later;
                 }
                 Ok(Ok(record @ (Record::Schema { .. } | Record::Channel(_)))) => {
-                    if let Err(error) = names.note(record.into_owned()) {
+                    if let Err(error) = names.add(record.into_owned()) {
                         outcome = Err(error);
                         break;
                     }

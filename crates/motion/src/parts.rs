@@ -53,7 +53,7 @@ pub(crate) struct Names {
 
 impl Names {
     /// Notes a schema or a channel. Its first definition counts.
-    pub(crate) fn note(&mut self, record: Record<'_>) -> Result<(), McapError> {
+    pub(crate) fn add(&mut self, record: Record<'_>) -> Result<(), McapError> {
         match record {
             Record::Schema { header, .. } if !self.schemas.contains_key(&header.id) => {
                 self.bytes += header.name.len();
@@ -197,7 +197,7 @@ impl<R: Read + Seek> Parts<R> {
                 match record {
                     Record::Metadata(table) => self.tables.push((table.name, table.metadata)),
                     Record::Statistics(counts) => self.counted = Some(counts.message_count),
-                    record => self.names.note(record)?,
+                    record => self.names.add(record)?,
                 }
             }
             // Indices and attachments, the header, and records of other programs.

@@ -194,12 +194,24 @@ impl Source<'_> {
             ("acceleration_max_m_per_s2", given.acceleration_max_m_per_s2),
             ("effort_max_n", given.effort_max_n),
         ];
+        self.in_unit(name, |key| format!("{table}.{key}"), prismatic, [rad, metre])
+    }
+
+    /// Returns the values that have the unit of the joint, of those in rad and those in m. The others must be missing.
+    fn in_unit<const N: usize>(
+        &self,
+        joint: &str,
+        key: impl Fn(&str) -> String,
+        prismatic: bool,
+        [rad, metre]: [[(&'static str, Option<f64>); N]; 2],
+    ) -> Result<[(&'static str, Option<f64>); N], RobotError> {
         let (own, foreign) = if prismatic { (metre, rad) } else { (rad, metre) };
-        if let Some((key, Some(value))) = foreign.into_iter().find(|(_, value)| value.is_some()) {
-            let bound = "has the wrong unit for this joint";
-            return Err(self.joint(self.toml, name, &format!("{table}.{key}"), value, bound));
+        match foreign.into_iter().find(|(_, value)| value.is_some()) {
+            Some((wrong, Some(value))) => {
+                Err(self.joint(self.toml, joint, &key(wrong), value, "has the wrong unit for this joint"))
+            }
+            _ => Ok(own),
         }
-        Ok(own)
     }
 
     /// Writes the limits of the file's `[supply]` into the tree. Each must be one that the URDF leaves out, or for which it has a
@@ -255,11 +267,8 @@ impl Source<'_> {
             ("acceleration_max_m_per_s2", group.acceleration_max_m_per_s2),
             ("jerk_max_m_per_s3", group.jerk_max_m_per_s3),
         ];
-        let (own, foreign) = if prismatic { (metre, rad) } else { (rad, metre) };
         let key = |key: &str| format!("limits.groups.{name}.{key}");
-        if let Some((wrong, Some(value))) = foreign.into_iter().find(|(_, value)| value.is_some()) {
-            return Err(self.joint(self.toml, joint, &key(wrong), value, "has the wrong unit for this joint"));
-        }
+        let own = self.in_unit(joint, key, prismatic, [rad, metre])?;
         let given = |(wanted, value): (&str, Option<f64>)| {
             value.ok_or_else(|| self.value(&key(wanted), "missing".into(), format!("joint `{joint}` needs it")))
         };

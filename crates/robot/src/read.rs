@@ -27,7 +27,7 @@ impl Urdf {
         if root.name != "robot" {
             return Err(place(&root).syntax("the first element must be <robot>".into()));
         }
-        // What is left of xacro may be harmless. Without it the links must be a tree.
+        // An unexpanded xacro is not refused by its words alone: the file is refused if its links are no tree.
         let macros = root.children.iter().find(|child| child.name.starts_with("xacro:"));
         let mut errors = Vec::new();
         let mut links = Vec::new();
@@ -198,7 +198,7 @@ fn joint(file: &str, element: &Element) -> Read<Joint> {
         "floating" => JointType::Floating,
         "planar" => JointType::Planar,
         "spherical" => JointType::Spherical,
-        other => return Err(place.syntax(format!("type = \"{other}\", is no type of a joint"))),
+        other => return Err(place.syntax(format!("type = \"{other}\" is no type of a joint"))),
     };
     let end = |name| Ok(LinkName { link: place.needed(name)?.text("link")?.to_owned() });
     let mut axis = urdf_rs::Axis::default();

@@ -27,7 +27,7 @@ impl Element {
         }
         let mut reader = Reader::from_str(text);
         let (mut line, mut counted) = (1, 0);
-        // The last of the open elements takes what comes. The first is none of the text's.
+        // A new element belongs to the last open one. The first open element stands for the document and is not in the text.
         let mut open = vec![Self::default()];
         loop {
             let event = reader.read_event();

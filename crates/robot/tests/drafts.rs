@@ -148,12 +148,12 @@ fn leg_is_no_arm() {
 
 #[test]
 fn acceleration_is_what_weak_motors_can_do() {
-    let of = |urdf: &str| {
+    let draft = |urdf: &str| {
         let file: toml::Table = draft("r.urdf", urdf).unwrap().toml.parse().unwrap();
         let group = &file["limits"]["groups"]["arm_1_to_4"];
         ["acceleration_max_rad_per_s2", "velocity_max_rad_per_s"].map(|key| group[key].as_float().unwrap())
     };
-    let [strong, weak] = [of(HERON), of(&HERON.replace("effort=\"60\"", "effort=\"12\""))];
+    let [strong, weak] = [draft(HERON), draft(&HERON.replace("effort=\"60\"", "effort=\"12\""))];
     assert!(strong[0] == 10.0 && weak[0] < 8.0 && weak[0] >= 1.0, "{strong:?} {weak:?}");
     assert!(weak[1] < strong[1] && strong[1] <= 0.93 * 3.0, "{strong:?} {weak:?}");
 }

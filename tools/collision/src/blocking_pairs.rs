@@ -43,8 +43,8 @@ impl Near {
 
     /// Returns true if more capsules can help.
     pub fn can_be_cut(&self) -> bool {
-        let near = self.home_m < self.needed_m || self.share.is_some_and(|share| share > SHARE_CUT);
-        near && !self.is_close() && self.surfaces_m.is_none_or(|distance| distance >= self.needed_m)
+        let is_cut = self.home_m < self.needed_m || self.share.is_some_and(|share| share > SHARE_CUT);
+        is_cut && !self.is_close() && self.surfaces_m.is_none_or(|distance| distance >= self.needed_m)
     }
 
     /// Says what is near, and by how much.
