@@ -4,7 +4,6 @@ mod arrays;
 mod bounds;
 mod builtin;
 mod bvh;
-mod clips;
 mod estimates;
 mod options;
 mod recordings;
