@@ -48,20 +48,6 @@ pub(crate) fn config(method: Method, delay_ms: f64) -> Config {
     Config::for_arms(&robot(), Some(weights(&layers(1, 2, 32))), &settings).expect("a configuration")
 }
 
-/// Outputs of a network, by sums in f64.
-pub(crate) fn sums(layers: &[Dense], input: &[f64]) -> Vec<f64> {
-    let mut x = input.to_vec();
-    for (i, layer) in layers.iter().enumerate() {
-        let sum = |o: usize| {
-            let row = &layer.weight[o * layer.inputs..(o + 1) * layer.inputs];
-            f64::from(layer.bias[o]) + row.iter().zip(&x).map(|(w, x)| f64::from(*w) * x).sum::<f64>()
-        };
-        let y: Vec<f64> = (0..layer.outputs).map(sum).collect();
-        x = if i + 1 < layers.len() { y.into_iter().map(|y| y / (1.0 + (-y).exp())).collect() } else { y };
-    }
-    x
-}
-
 /// Axes and reference of a TiaGo++, limits of the robot's URDF.
 pub(crate) fn arm() -> ArmModel {
     let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
