@@ -4,11 +4,10 @@ use client::{Port, Transport};
 use harness::{Pace, Rig};
 use messages::{CalibrationSource, HingeCalibration, Layout, Mode, RawSkeleton, raw_flag};
 use nalgebra::{UnitQuaternion, Vector3};
+use rt::Background;
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Command, Stdio};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 /// Lengths of the test person's upper arm and forearm, m: left, right.
@@ -50,41 +49,24 @@ fn person(at_s: f64) -> RawSkeleton {
 }
 
 /// A client that publishes the person at 60 Hz until it is dropped.
-struct Client {
-    end: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Client {
-    fn start(rig: &Rig, session: u64) -> Self {
-        let end = Arc::new(AtomicBool::new(false));
-        let (twin, way) = (Arc::clone(&end), Transport::Domain(rig.instance.input_domain()));
-        let thread = std::thread::spawn(move || {
-            let mut port = Port::open(way, "calibrated").expect("the input domain");
-            let (begun, incarnation) = (Instant::now(), rt::incarnation());
-            let mut pace = Pace::new(Duration::from_millis(16));
-            let mut sequence = 0;
-            while !twin.load(Ordering::Relaxed) {
-                let mut raw = person(begun.elapsed().as_secs_f64());
-                sequence += 1;
-                raw.session_nonce = session;
-                (raw.header.sequence, raw.header.incarnation) = (sequence, incarnation);
-                (raw.header.origin, raw.header.stamp) = (rt::now(), rt::now());
-                port.publish(&raw).expect("taken");
-                pace.wait();
-            }
-        });
-        Self { end, thread: Some(thread) }
-    }
-}
-
-impl Drop for Client {
-    fn drop(&mut self) {
-        self.end.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
+fn client(rig: &Rig, session: u64) -> Background {
+    let domain = Transport::Domain(rig.instance.input_domain());
+    let open = || Port::open(domain, "calibrated");
+    let client = Background::opened("client", open, move |mut port, ends| {
+        let (begun, incarnation) = (Instant::now(), rt::incarnation());
+        let mut pace = Pace::new(Duration::from_millis(16));
+        let mut sequence = 0;
+        while !ends.load(Ordering::Relaxed) {
+            let mut raw = person(begun.elapsed().as_secs_f64());
+            sequence += 1;
+            raw.session_nonce = session;
+            (raw.header.sequence, raw.header.incarnation) = (sequence, incarnation);
+            (raw.header.origin, raw.header.stamp) = (rt::now(), rt::now());
+            port.publish(&raw).expect("taken");
+            pace.wait();
         }
-    }
+    });
+    client.expect("the input domain")
 }
 
 fn calibrate(rig: &Rig, name: &str, folder: &std::path::Path) -> Command {
@@ -108,7 +90,7 @@ fn calibrated_operator_is_recognised_in_the_next_session() {
         assert!(output.read_line(&mut printed).expect("its words") > 0, "it ended: {printed}");
     }
     assert!(printed.contains("replay builtin:calibration"), "{printed}");
-    let client = Client::start(&rig, 1);
+    let first = client(&rig, 1);
     output.read_to_string(&mut printed).expect("its words");
     assert!(measured.wait().expect("it ends").success(), "{printed}");
     assert!(printed.contains("upper arms        0.290 m left, 0.300 m right"), "{printed}");
@@ -119,10 +101,10 @@ fn calibrated_operator_is_recognised_in_the_next_session() {
     assert!(text.contains("operator_id = 5") && text.contains("layout = 1") && text.contains("[hinges]"), "{text}");
     // The current session continues unchanged. The next one begins with the stored measurement.
     operator.wait("estimated online", |status| status.calibration == CalibrationSource::Online as u32);
-    drop(client);
+    drop(first);
     // The lease ends a second after its client.
     operator.wait_control(Duration::from_millis(1500));
-    let _client = Client::start(&rig, 2);
+    let _second = client(&rig, 2);
     operator.wait("calibrated from the file", |status| status.calibration == CalibrationSource::Stored as u32);
     let refused = |name: &str| {
         let refused = calibrate(&rig, name, &place).output().expect("teleopctl runs");

@@ -52,7 +52,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("doors", &["messages", "rt"]),
     ("operator", &["messages", "doors", "rt", "safety"]),
     ("motion", &["messages", "skeleton"]),
-    ("client", &["bus", "doors", "messages", "motion"]),
+    ("client", &["bus", "doors", "messages", "motion", "rt"]),
     ("instance", &["bus", "messages", "robot"]),
     ("ingest", &["layouts", "messages", "skeleton"]),
     ("explain", &["messages", "robot", "safety", "skeleton"]),

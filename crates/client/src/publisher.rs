@@ -6,11 +6,10 @@ use crate::player::Player;
 use bus::{BusError, Domain, DomainConfig, Writer};
 use doors::DoorError;
 use messages::{RawSkeleton, Service, Stamp};
+use rt::Background;
 use shared::Shared;
 use std::path::PathBuf;
-use std::sync::mpsc::{RecvError, channel};
 use std::sync::{Arc, Mutex, atomic};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// The daemon's last reply.
@@ -92,7 +91,7 @@ pub struct Publisher {
     shared: Arc<Shared>,
     last_reply: LastReply,
     frames: u64,
-    thread: Option<JoinHandle<()>>,
+    _thread: Background,
 }
 
 impl Publisher {
@@ -106,27 +105,12 @@ impl Publisher {
         let shared = Arc::new(Shared::default());
         let last_reply = LastReply::default();
         let (frames, thread_shared, thread_reply) = (player.progress().1, Arc::clone(&shared), Arc::clone(&last_reply));
-        let (opened, outcome) = channel();
-        let thread = std::thread::Builder::new()
-            .name("client".into())
-            .spawn(move || {
-                // The port is created here because it cannot move to another thread.
-                match Port::open(way, "replay") {
-                    Ok(port) => {
-                        let _ = opened.send(Ok(()));
-                        publish(port, player, &thread_shared, &thread_reply, now);
-                    }
-                    Err(error) => _ = opened.send(Err(error)),
-                }
-            })
-            .expect("a thread can be started");
-        // The thread always answers, with success or failure: opening a domain ends within 5 s, attaching to a
-        // socket within 1 s.
-        match outcome.recv() {
-            Ok(Ok(())) => Ok(Self { shared, last_reply, frames, thread: Some(thread) }),
-            Ok(Err(error)) => Err(error),
-            Err(RecvError) => unreachable!("the client's thread answers before it ends"),
-        }
+        // Opening a domain ends within 5 s, attaching to a socket within 1 s.
+        let open = || Port::open(way, "replay");
+        let thread = Background::opened("client", open, move |port, _| {
+            publish(port, player, &thread_shared, &thread_reply, now);
+        })?;
+        Ok(Self { shared, last_reply, frames, _thread: thread })
     }
 
     /// Tells the client whether the robot follows. The motion begins with the first `true`.
@@ -160,9 +144,6 @@ impl Publisher {
 impl Drop for Publisher {
     fn drop(&mut self) {
         self.shared.stop();
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 

@@ -2,11 +2,11 @@
 
 use crate::{Client, OperatorError};
 use messages::{Mode, Status};
+use rt::Background;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Time between two heartbeats: 50 Hz.
@@ -25,7 +25,6 @@ struct Shared {
     status: Mutex<Option<Status>>,
     silent: AtomicBool,
     estop: AtomicBool,
-    closing: AtomicBool,
 }
 
 /// An operator's connection with its heartbeat. Dropping it closes the connection, and with it goes the enable that it
@@ -33,7 +32,7 @@ struct Shared {
 pub struct OperatorSession {
     requests: Sender<Request>,
     shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
+    thread: Background,
 }
 
 impl OperatorSession {
@@ -50,11 +49,9 @@ impl OperatorSession {
         let (requests, received) = channel();
         let shared = Arc::new(Shared::default());
         let of_thread = Arc::clone(&shared);
-        let thread = std::thread::Builder::new()
-            .name("operator".into())
-            .spawn(move || heartbeats(client, &received, &of_thread))
-            .map_err(|cause| OperatorError::Thread { cause: cause.to_string() })?;
-        Ok(Self { requests, shared, thread: Some(thread) })
+        let thread = Background::start("operator", move |closes| heartbeats(client, &received, &of_thread, closes));
+        let thread = thread.map_err(|cause| OperatorError::Thread { cause: cause.to_string() })?;
+        Ok(Self { requests, shared, thread })
     }
 
     fn request(&self, request: Request) {
@@ -104,7 +101,7 @@ impl OperatorSession {
 
     /// Returns true once control no longer answers.
     pub fn is_cut_off(&self) -> bool {
-        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+        self.thread.has_ended()
     }
 
     /// Waits until `done` returns true. Returns false if `within` passes first, or if control no longer answers.
@@ -120,19 +117,10 @@ impl OperatorSession {
     }
 }
 
-impl Drop for OperatorSession {
-    fn drop(&mut self) {
-        self.shared.closing.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
-}
-
-fn heartbeats(mut client: Client, requests: &Receiver<Request>, shared: &Shared) {
+fn heartbeats(mut client: Client, requests: &Receiver<Request>, shared: &Shared, closes: &AtomicBool) {
     let mut beat = Instant::now();
     loop {
-        let closing = shared.closing.load(Ordering::Relaxed);
+        let closing = closes.load(Ordering::Acquire);
         let stops = shared.estop.swap(false, Ordering::Relaxed);
         if closing && !stops {
             return;

@@ -3,6 +3,7 @@
 //! the system in words, and the caller decides.
 
 mod allocation;
+mod background;
 mod children;
 mod clock;
 mod denormals;
@@ -28,6 +29,7 @@ pub use allocation::{
     Allocations, CountingAllocator, allocating_aside, allocating_ourselves, allocations, count_allocations,
     watch_allocations,
 };
+pub use background::Background;
 pub use children::{die_with_parent, is_orphaned, resume, suspend, terminate};
 pub use clock::{SleepWatch, cpu_time_ns, now, sleep_until};
 pub use denormals::flush_denormals;

@@ -9,10 +9,9 @@ use messages::{
 };
 use retarget::ArmModel;
 use robot::{Model, Names};
-use rt::Failure;
+use rt::{Background, Failure};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
-use std::thread::JoinHandle;
 
 /// Period, ns.
 const EVERY_NS: u64 = 50_000_000;
@@ -20,29 +19,18 @@ const EVERY_NS: u64 = 50_000_000;
 const SILENT_NS: u64 = 500_000_000;
 
 /// The newest feedback that the socket has not sent yet.
-#[derive(Default)]
-struct Slot {
-    newest: Mutex<Option<Feedback>>,
-    ends: AtomicBool,
-}
+type Slot = Mutex<Option<Feedback>>;
 
 /// The running thread. It ends, and leaves nothing in shared memory, when this is dropped.
 pub struct FeedbackThread {
     slot: Arc<Slot>,
-    thread: Option<JoinHandle<()>>,
+    _thread: Option<Background>,
 }
 
 impl FeedbackThread {
     /// Returns feedback that is new. Never waits.
     pub fn take(&self) -> Option<Feedback> {
-        self.slot.newest.try_lock().ok()?.take()
-    }
-}
-
-impl Drop for FeedbackThread {
-    fn drop(&mut self) {
-        self.slot.ends.store(true, Ordering::Release);
-        let _ = self.thread.take().map(JoinHandle::join);
+        self.slot.try_lock().ok()?.take()
     }
 }
 
@@ -51,13 +39,13 @@ impl Drop for FeedbackThread {
 pub fn start(instance: &Instance, model: Model, header: Header) -> FeedbackThread {
     let slot = Arc::new(Slot::default());
     let (own, instance) = (slot.clone(), instance.clone());
-    let work = move || match Ports::open(&instance) {
-        Ok(ports) => run(ports, &model, header, &own),
+    let work = move |ends: &AtomicBool| match Ports::open(&instance) {
+        Ok(ports) => run(ports, &model, header, &own, ends),
         Err(failure) => tracing::warn!("clients get no feedback: {failure}"),
     };
-    let thread = std::thread::Builder::new().name("feedback".into()).spawn(work);
+    let thread = Background::start("feedback", work);
     let thread = thread.map_err(|error| tracing::warn!("clients get no feedback: {error}")).ok();
-    FeedbackThread { slot, thread }
+    FeedbackThread { slot, _thread: thread }
 }
 
 /// The thread's ends of the services. They must stay in the thread that opened them.
@@ -83,11 +71,11 @@ impl Ports {
     }
 }
 
-fn run(mut ports: Ports, model: &Model, mut header: Header, slot: &Slot) {
+fn run(mut ports: Ports, model: &Model, mut header: Header, slot: &Slot, ends: &AtomicBool) {
     let (arm, names) = (ArmModel::from_model(model), Names::from_model(model));
     let (mut status, mut state, mut target) = (None::<Status>, None::<RobotState>, None::<JointTarget>);
     let mut due = rt::now();
-    while !slot.ends.load(Ordering::Acquire) {
+    while !ends.load(Ordering::Acquire) {
         due = due.max(rt::now()).plus_ns(EVERY_NS);
         rt::sleep_until(due);
         status = ports.statuses.latest().or(status);
@@ -118,7 +106,7 @@ fn run(mut ports: Ports, model: &Model, mut header: Header, slot: &Slot) {
         feedback.header = header;
         // Nobody may listen. The next one comes in 50 ms.
         let _ = ports.feedback.publish(&feedback);
-        if let Ok(mut newest) = slot.newest.lock() {
+        if let Ok(mut newest) = slot.lock() {
             *newest = Some(feedback);
         }
     }

@@ -11,13 +11,13 @@ use doors::{LeaseState, Reply};
 use harness::{Pace, holds_for, wait_until, within};
 use messages::{Fault, Faults, Feedback, Header, Layout, Message, Mode, RawSkeleton, Stamp, Status};
 use operator::{OperatorCounts, OperatorSession};
+use rt::Background;
 use std::io::{BufRead, BufReader};
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Generous: the machine may be busy.
@@ -58,8 +58,7 @@ fn low_us(at: Stamp) -> u32 {
 struct Daemon {
     folder: tempfile::TempDir,
     seen: Arc<Mutex<Seen>>,
-    ends: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    _thread: Background,
 }
 
 impl Daemon {
@@ -67,11 +66,11 @@ impl Daemon {
         let folder = tempfile::tempdir().expect("a folder");
         let mut control = operator::Server::bind(folder.path().join("operator.sock")).expect("a socket");
         let mut ingest = doors::Server::bind(&folder.path().join("skeleton.sock"), None).expect("a socket");
-        let (seen, ends) = (Arc::new(Mutex::new(Seen::default())), Arc::new(AtomicBool::new(false)));
-        let (of_thread, until) = (Arc::clone(&seen), Arc::clone(&ends));
-        let serve = move || {
+        let seen = Arc::new(Mutex::new(Seen::default()));
+        let of_thread = Arc::clone(&seen);
+        let serve = Background::start("daemon", move |ends| {
             let (mut k, mut pace) = (0, Pace::new(Duration::from_millis(1)));
-            while !until.load(Ordering::Relaxed) {
+            while !ends.load(Ordering::Relaxed) {
                 k += 1;
                 let now = rt::now();
                 let header = Header { sequence: k / 20, stamp: now, ..Header::ZERO };
@@ -88,8 +87,8 @@ impl Daemon {
                 ingest.feed_back(&Feedback { header, mode: 3, ..Feedback::ZERO });
                 pace.wait();
             }
-        };
-        Self { folder, seen, ends, thread: Some(std::thread::spawn(serve)) }
+        });
+        Self { folder, seen, _thread: serve.expect("a thread") }
     }
 
     fn counts(&self) -> OperatorCounts {
@@ -107,15 +106,6 @@ impl Daemon {
     /// Returns true if nothing is held, and nothing was pressed since there were so many presses.
     fn is_released(&self, presses: u64) -> bool {
         !self.is_held() && self.counts().enable_edges == presses
-    }
-}
-
-impl Drop for Daemon {
-    fn drop(&mut self) {
-        self.ends.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 
@@ -233,25 +223,25 @@ fn connect(folder: &Path) -> OperatorSession {
     session.expect("it answers")
 }
 
-/// A client that publishes a person at 50 Hz, and counts feedback.
-fn publisher(folder: &Path) -> (Arc<AtomicBool>, JoinHandle<u64>) {
+/// A client that publishes a person at 50 Hz until it is dropped, and counts feedback.
+fn publisher(folder: &Path) -> (Background, Arc<AtomicU64>) {
     let socket = folder.join("skeleton.sock");
-    let ends = Arc::new(AtomicBool::new(false));
-    let until = Arc::clone(&ends);
-    let publish = move || {
-        let mut client = doors::Client::attach_with_feedback(socket).expect("the skeleton socket answers");
-        let (mut sequence, mut felt, mut pace) = (0, 0, Pace::new(Duration::from_millis(20)));
-        while !until.load(Ordering::Relaxed) {
+    let felt = Arc::new(AtomicU64::new(0));
+    let count = Arc::clone(&felt);
+    let open = || doors::Client::attach_with_feedback(socket);
+    let client = Background::opened("client", open, move |mut client, ends| {
+        let (mut sequence, mut pace) = (0, Pace::new(Duration::from_millis(20)));
+        while !ends.load(Ordering::Relaxed) {
             sequence += 1;
             if client.publish(&person(sequence)).is_err() {
                 break;
             }
-            felt += u64::from(client.feedback().is_some_and(|feedback| feedback.mode == 3));
+            let is_felt = client.feedback().is_some_and(|feedback| feedback.mode == 3);
+            count.fetch_add(u64::from(is_felt), Ordering::Relaxed);
             pace.wait();
         }
-        felt
-    };
-    (ends, std::thread::spawn(publish))
+    });
+    (client.expect("the skeleton socket answers"), felt)
 }
 
 /// Waits until this many more persons have arrived.
@@ -344,7 +334,7 @@ fn f128_hostile_packets_of_one_operator_leave_another_undisturbed() {
     let folder = tempfile::tempdir().expect("a folder");
     let _end = world.operator(&world.bundle("bert"), folder.path());
     let hand = connect(folder.path());
-    let (ends, thread) = publisher(folder.path());
+    let _client = publisher(folder.path());
     world.robot.wait_line("bert: ready");
     let own = Keys::read_operator(&world.bundle("anna")).expect("a bundle");
     let wire = opened(&config(&own, &[], std::slice::from_ref(&world.address)));
@@ -367,8 +357,6 @@ fn f128_hostile_packets_of_one_operator_leave_another_undisturbed() {
     assert!(undisturbed);
     world.robot.wait_line("of a wrong length");
     wait_until("persons go on", || world.daemon.persons() > before + 20);
-    ends.store(true, Ordering::Relaxed);
-    thread.join().expect("it ends");
 }
 
 #[test]

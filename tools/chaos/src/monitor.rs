@@ -6,9 +6,9 @@ use bus::{Domain, DomainConfig};
 use checker::{Checker, Config, Report, ViolationKind};
 use driver::Setpoint;
 use messages::{Mode, RobotMeasured, RobotState, Service};
-use std::sync::atomic::{AtomicBool, Ordering};
+use rt::Background;
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Time between two reads: half a tick, so that few states are missed.
@@ -50,30 +50,23 @@ impl Seen {
 
 pub struct Monitor {
     seen: Arc<Mutex<Seen>>,
-    end: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    _thread: Background,
 }
 
 impl Monitor {
     /// Begins to watch the driver of `domain`. `config` has the limits.
     pub fn start(domain: DomainConfig, config: Config) -> Result<Self, bus::BusError> {
-        let (seen, end) = (Arc::new(Mutex::new(Seen::default())), Arc::new(AtomicBool::new(false)));
-        let (shared, ended) = (Arc::clone(&seen), Arc::clone(&end));
-        let (opened, outcome) = std::sync::mpsc::channel();
-        let thread = std::thread::spawn(move || {
-            // The ports are opened here because they cannot change their thread.
-            let ports = Domain::open(domain, "witness").and_then(|domain| {
-                let states = domain.reader::<RobotState>(Service::RobotState)?;
-                Ok((states, domain.reader::<RobotMeasured>(Service::RobotMeasured)?, domain))
-            });
-            let (mut states, mut robots, _domain) = match ports {
-                Ok(ports) => ports,
-                Err(error) => return drop(opened.send(Err(error))),
-            };
-            let _ = opened.send(Ok(()));
+        let seen = Arc::new(Mutex::new(Seen::default()));
+        let shared = Arc::clone(&seen);
+        let open = || {
+            let domain = Domain::open(domain, "witness")?;
+            let states = domain.reader::<RobotState>(Service::RobotState)?;
+            Ok((states, domain.reader::<RobotMeasured>(Service::RobotMeasured)?, domain))
+        };
+        let thread = Background::opened("witness", open, move |(mut states, mut robots, _domain), ends| {
             let report = Report::default();
             let mut judge = Judge { config, checker: None, report };
-            while !ended.load(Ordering::Relaxed) {
+            while !ends.load(Ordering::Relaxed) {
                 if let Some(state) = states.latest() {
                     judge.look(&mut lock(&shared), &state);
                 }
@@ -82,9 +75,8 @@ impl Monitor {
                 }
                 std::thread::sleep(LOOK);
             }
-        });
-        outcome.recv().unwrap_or(Ok(()))?;
-        Ok(Self { seen, end, thread: Some(thread) })
+        })?;
+        Ok(Self { seen, _thread: thread })
     }
 
     pub fn seen(&self) -> Seen {
@@ -95,15 +87,6 @@ impl Monitor {
     /// allowed again.
     pub fn must_rest(&self, must_rest: bool) {
         lock(&self.seen).must_rest = must_rest;
-    }
-}
-
-impl Drop for Monitor {
-    fn drop(&mut self) {
-        self.end.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 

@@ -3,10 +3,9 @@
 use bus::{BusError, Domain, DomainConfig, Writer};
 use messages::{HingeCalibration, RawSkeleton, Service, Stamp, TICK_HZ};
 use motion::{CalibrationMode, Motion};
+use rt::Background;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::channel;
-use std::thread::JoinHandle;
 
 /// Length of the blend over the seam of the looped motion, s.
 const SEAM_S: f64 = 0.5;
@@ -16,7 +15,6 @@ const GOLDEN: f64 = 0.618_033_988_749_894_9;
 #[derive(Debug, Default)]
 struct Shared {
     moving: AtomicBool,
-    stop: AtomicBool,
     published: AtomicU64,
     failures: AtomicU64,
 }
@@ -24,7 +22,7 @@ struct Shared {
 #[derive(Debug)]
 pub struct Client {
     shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
+    thread: Background,
 }
 
 impl Client {
@@ -32,22 +30,15 @@ impl Client {
     /// person may move, it publishes the frames of the looped motion in sequence.
     pub fn start(domain: DomainConfig, rate_hz: f64) -> Result<Self, BusError> {
         let shared = Arc::new(Shared::default());
-        let (twin, (opened, outcome)) = (Arc::clone(&shared), channel());
-        let thread = std::thread::spawn(move || {
-            // The port is opened here because it cannot change its thread.
-            let ports = Domain::open(domain, "latency")
-                .and_then(|domain| Ok((domain.writer::<RawSkeleton>(Service::RawSkeleton)?, domain)));
-            match ports {
-                Ok((writer, _domain)) => {
-                    let _ = opened.send(Ok(()));
-                    publish(writer, &Person::new(), rate_hz, &twin);
-                }
-                Err(error) => _ = opened.send(Err(error)),
-            }
-        });
-        // The thread always answers: opening a domain ends within seconds, with or without success.
-        outcome.recv().expect("the client's thread answers before it ends")?;
-        Ok(Self { shared, thread: Some(thread) })
+        let of_thread = Arc::clone(&shared);
+        let open = || {
+            let domain = Domain::open(domain, "latency")?;
+            Ok((domain.writer::<RawSkeleton>(Service::RawSkeleton)?, domain))
+        };
+        let thread = Background::opened("client", open, move |(writer, _domain), ends| {
+            publish(writer, &Person::new(), rate_hz, &of_thread, ends);
+        })?;
+        Ok(Self { shared, thread })
     }
 
     pub fn move_on(&self) {
@@ -55,22 +46,9 @@ impl Client {
     }
 
     /// Ends the client. Returns the number of published frames, and of frames that the bus did not take.
-    pub fn stop(mut self) -> (u64, u64) {
-        self.end();
+    pub fn stop(self) -> (u64, u64) {
+        drop(self.thread);
         (self.shared.published.load(Ordering::Relaxed), self.shared.failures.load(Ordering::Relaxed))
-    }
-
-    fn end(&mut self) {
-        self.shared.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
-}
-
-impl Drop for Client {
-    fn drop(&mut self) {
-        self.end();
     }
 }
 
@@ -105,11 +83,11 @@ fn due_ns(n: u64, rate_hz: f64) -> u64 {
     ((n as f64 / rate_hz + shift) * 1e9) as u64
 }
 
-fn publish(mut writer: Writer<RawSkeleton>, person: &Person, rate_hz: f64, shared: &Shared) {
+fn publish(mut writer: Writer<RawSkeleton>, person: &Person, rate_hz: f64, shared: &Shared, ends: &AtomicBool) {
     let (start, mut n, mut index) = (rt::now(), 0_u64, 0_usize);
     for sequence in 1.. {
         rt::sleep_until(start.plus_ns(due_ns(n, rate_hz)));
-        if shared.stop.load(Ordering::Relaxed) {
+        if ends.load(Ordering::Relaxed) {
             return;
         }
         let mut frame = person.frame(index, sequence);

@@ -3,6 +3,7 @@
 use super::*;
 use operator::StopPress;
 use std::net::SocketAddr;
+use std::sync::atomic::AtomicBool;
 
 /// Faults of the wire, the same in both ways.
 #[derive(Clone, Copy, Default)]
@@ -18,8 +19,7 @@ struct Faults {
 struct Relay {
     address: String,
     faults: Arc<Mutex<Faults>>,
-    ends: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    _thread: Background,
 }
 
 impl Relay {
@@ -27,23 +27,14 @@ impl Relay {
         let to: SocketAddr = to.strip_prefix("quic/").expect("an address").parse().expect("an address");
         let near = socket();
         let address = format!("quic/{}", near.local_addr().expect("its address"));
-        let (faults, ends) = (Arc::new(Mutex::new(faults)), Arc::new(AtomicBool::new(false)));
-        let (of_thread, until) = (Arc::clone(&faults), Arc::clone(&ends));
-        let thread = std::thread::spawn(move || carry(&near, to, &of_thread, &until));
-        Self { address, faults, ends, thread: Some(thread) }
+        let faults = Arc::new(Mutex::new(faults));
+        let of_thread = Arc::clone(&faults);
+        let thread = Background::start("relay", move |ends| carry(&near, to, &of_thread, ends));
+        Self { address, faults, _thread: thread.expect("a thread") }
     }
 
     fn set(&self, faults: Faults) {
         *self.faults.lock().expect("whole") = faults;
-    }
-}
-
-impl Drop for Relay {
-    fn drop(&mut self) {
-        self.ends.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 
@@ -115,7 +106,7 @@ fn f125_bad_wire_follows_and_partition_of_five_seconds_is_a_release_that_heals_u
     let folder = tempfile::tempdir().expect("a folder");
     let _end = world.operator(&world.bundle("anna"), folder.path());
     world.robot.wait_line("anna: ready");
-    let (ends, thread) = publisher(folder.path());
+    let (_client, felt) = publisher(folder.path());
     let before = engage(&world, folder.path());
     follows(&world, "persons go on", 50);
     relay.set(Faults { is_cut: true, ..faults });
@@ -131,8 +122,7 @@ fn f125_bad_wire_follows_and_partition_of_five_seconds_is_a_release_that_heals_u
     let after = engage(&world, folder.path());
     after.estop();
     wait_until("the emergency stop arrives", || world.daemon.counts().estop_edges >= 1);
-    ends.store(true, Ordering::Relaxed);
-    assert!(thread.join().expect("it ends") > 0, "feedback came back");
+    assert!(felt.load(Ordering::Relaxed) > 0, "feedback came back");
     assert_none_was_old(&world);
 }
 

@@ -37,7 +37,7 @@ fn router_carries_what_the_robot_admits_and_its_end_is_a_release() {
     let _anna = world.operator(&world.bundle("anna"), folders[0].path());
     let bob = world.operator(&world.bundle("bob"), folders[1].path());
     world.robot.wait_line("anna: ready");
-    let (ends, thread) = publisher(folders[0].path());
+    let _client = publisher(folders[0].path());
     let _hand = engage(&world, folders[0].path());
     follows(&world, "persons come", 50);
     bob.wait_line("no answer");
@@ -49,7 +49,5 @@ fn router_carries_what_the_robot_admits_and_its_end_is_a_release() {
     let _router = route();
     wait_until("persons come again", || world.daemon.persons() > before + 50);
     assert!(world.daemon.is_released(edges), "by itself");
-    ends.store(true, Ordering::Relaxed);
-    thread.join().expect("it ends");
     assert_none_was_old(&world);
 }

@@ -1,7 +1,6 @@
 //! A server whose certificate another trusted authority signed. zenoh trusts the public authorities too.
 
 use super::*;
-use std::sync::atomic::AtomicU64;
 
 /// Long enough for a hundred puts.
 const WAIT: Duration = Duration::from_secs(2);
