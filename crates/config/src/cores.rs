@@ -1,22 +1,29 @@
 //! `realtime.cores`: the cores of retarget, control and the driver.
 
 use schema::OutOfBounds;
-use serde::de::value::SeqAccessDeserializer;
-use serde::de::{Error, SeqAccess, Visitor};
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 
 /// The highest core that can be named: CPU_SETSIZE of the C library is 1024.
 const CORE_MAX: f64 = 1023.0;
 
 /// `"auto"`, `"free"` or a list of cores.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(untagged, expecting = "\"auto\", \"free\" or a list of core numbers")]
 pub enum Cores {
-    /// The daemon chooses: the first isolated core, or the last of 2 to 4, or none.
-    Auto,
-    /// The kernel chooses.
-    Free,
+    /// Others choose them.
+    Chosen(Chooser),
     /// These cores.
     List(Vec<u32>),
+}
+
+/// The one who chooses the cores.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Chooser {
+    /// The daemon: the first isolated core, or the last of 2 to 4, or none.
+    Auto,
+    /// The kernel.
+    Free,
 }
 
 impl Cores {
@@ -24,42 +31,6 @@ impl Cores {
         let Self::List(list) = self else { return Ok(()) };
         schema::check("cores (how many)", &(list.len() as f64), 1.0, CORE_MAX + 1.0)?;
         list.iter().try_for_each(|core| schema::check("cores (each)", core, 0.0, CORE_MAX))
-    }
-}
-
-impl Serialize for Cores {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        match self {
-            Self::Auto => serializer.serialize_str("auto"),
-            Self::Free => serializer.serialize_str("free"),
-            Self::List(list) => list.serialize(serializer),
-        }
-    }
-}
-
-impl<'de> Deserialize<'de> for Cores {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Words;
-        impl<'de> Visitor<'de> for Words {
-            type Value = Cores;
-
-            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-                f.write_str("\"auto\", \"free\" or a list of core numbers")
-            }
-
-            fn visit_str<E: Error>(self, text: &str) -> Result<Cores, E> {
-                match text {
-                    "auto" => Ok(Cores::Auto),
-                    "free" => Ok(Cores::Free),
-                    _ => Err(E::invalid_value(serde::de::Unexpected::Str(text), &self)),
-                }
-            }
-
-            fn visit_seq<A: SeqAccess<'de>>(self, sequence: A) -> Result<Cores, A::Error> {
-                Vec::deserialize(SeqAccessDeserializer::new(sequence)).map(Cores::List)
-            }
-        }
-        deserializer.deserialize_any(Words)
     }
 }
 

@@ -8,7 +8,7 @@ mod operators;
 mod settings;
 
 pub use choice::RobotChoice;
-pub use cores::Cores;
+pub use cores::{Chooser, Cores};
 pub use driver::Interface;
 pub use load::{
     Loaded, Overrides, lacks_weights, load, load_model, load_robot, load_weights, read_settings, read_text,

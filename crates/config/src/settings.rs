@@ -1,7 +1,7 @@
 //! `teleop.toml`: its structure and its bounds. Every key is required, and an unknown key is refused.
 
 use crate::ConfigError;
-use crate::cores::Cores;
+use crate::cores::{Chooser, Cores};
 use driver::Interface;
 use ingest::Filter;
 use schema::{Key, OutOfBounds, Table};
@@ -198,7 +198,7 @@ schema::table! {
         priority_driver: u32 = 80, in [1.0, 98.0];
         /// Cores of retarget, control and driver. A list such as `[2, 3]` names 1 to 1024 cores, each 0 to 1023. `"free"`
         /// leaves them to the kernel. `"auto"` takes the first isolated core, or the last of 2 to 4, or none.
-        cores: Cores = Cores::Auto;
+        cores: Cores = Cores::Chosen(Chooser::Auto);
         /// How long before each tick retarget watches the clock, us. It wakes closer to the tick and keeps a core
         /// busy meanwhile. 100 costs 15 % of a core.
         spin_us: f64 = 0.0, in [0.0, 200.0];

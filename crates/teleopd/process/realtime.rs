@@ -1,6 +1,6 @@
 //! Requests that a process makes to the kernel, derived from the settings and the machine.
 
-use config::{Cores, Policy, RealtimeSettings};
+use config::{Chooser, Cores, Policy, RealtimeSettings};
 use rt::{CoreMap, Placement, RealtimeConfig};
 
 /// Returns the request of a process, and the cores of its threads beside the loop. An expendable process has no
@@ -35,8 +35,8 @@ pub fn keep_off(settings: &RealtimeSettings) {
 
 fn placed(settings: &RealtimeSettings, priority: Option<u32>) -> Placement {
     match &settings.cores {
-        Cores::Auto => {}
-        Cores::Free => return Placement::free("from the settings"),
+        Cores::Chosen(Chooser::Auto) => {}
+        Cores::Chosen(Chooser::Free) => return Placement::free("from the settings"),
         Cores::List(list) => {
             let list: Vec<_> = list.iter().map(|core| *core as usize).collect();
             return Placement::listed(&CoreMap::of_machine(), &list);
