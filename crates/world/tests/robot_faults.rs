@@ -81,16 +81,6 @@ fn f052_f053_f054_implausible_measurement_stops_robot() {
     }
 }
 
-#[test]
-fn f055_joint_that_does_not_follow_stops_robot() {
-    for injection in [Injection::NotFollowed { joint: ELBOW }, Injection::SignSwapped { joint: ELBOW }] {
-        let mut bench = moving();
-        bench.robot.inject(injection);
-        // 0.25 of 0.82 rad/s on average. That is reached before 100 ms of a tracking error.
-        stops(bench, TICK_HZ / 4, Fault::VelocityError);
-    }
-}
-
 /// Resets and engages again. Nothing moves before.
 fn recovers(mut bench: Bench) {
     let still = *bench.robot.q();
@@ -128,33 +118,6 @@ fn f063_drive_fault_of_one_joint_stops_all_joints_at_once() {
     let mut bench = stops(bench, 1, Fault::DriverFault);
     bench.robot.repair();
     recovers(bench);
-}
-
-#[test]
-fn f064_returning_power_moves_no_joint_despite_commands() {
-    // Upward the torso would reach its stop, beyond the limit in force.
-    for (sag, seconds) in [(0.0, 1.0), (0.3, 0.01), (-0.3, 0.2)] {
-        let mut bench = moving();
-        bench.robot.inject(Injection::PowerLost { sag });
-        for k in 0..(seconds * TICK_HZ as f64) as u64 {
-            swing(&mut bench, k);
-        }
-        assert_eq!(bench.mode(), Mode::Faulted);
-        bench.robot.inject(Injection::PowerReturned);
-        let (before, speeds) = (*bench.robot.q(), bench.robot.truth().v);
-        // The enable is held and the person continues to move.
-        for k in 0..TICK_HZ {
-            swing(&mut bench, k);
-            for (j, (now, then)) in bench.robot.q().iter().zip(&before).enumerate() {
-                // The robot catches a falling joint with its own ramp, at the acceleration limit in force.
-                let (a_max, speed) = (bench.model().limits[j].a_max, speeds[j].abs());
-                let caught = speed * 9.0 * TICK_S + speed * speed / (2.0 * a_max) + 1e-3;
-                assert!((now - then).abs() < caught, "{sag} {seconds} s, tick {k}: joint {j} moved by {}", now - then);
-            }
-        }
-        assert_eq!(bench.mode(), Mode::Faulted);
-        recovers(bench);
-    }
 }
 
 #[test]
@@ -207,45 +170,6 @@ fn f050_stop_continues_plan_of_last_command() {
         assert_eq!(bench.mode(), Mode::Engaging, "stop {stop}: {:?}", Faults(bench.status.faults));
         let first = (0..JOINTS).map(|j| (bench.commanded().q[j] - rest.q[j]).abs()).fold(0.0, f64::max);
         assert!(first < 1e-7, "stop {stop}: {first}");
-    }
-}
-
-/// The successive modes while the driver pauses for `pause` ticks and for `ticks` after it.
-fn modes_of_a_pause(pause: u64, ticks: u64) -> Vec<Mode> {
-    let mut bench = moving();
-    let mut modes = vec![bench.mode()];
-    for k in 0..pause + ticks {
-        if k < pause {
-            bench.step_without_driver();
-        } else {
-            swing(&mut bench, FAST + k);
-        }
-        if *modes.last().expect("the first") != bench.mode() {
-            modes.push(bench.mode());
-        }
-    }
-    assert!(bench.hand.enable_level, "the enable was held all the time");
-    modes
-}
-
-/// F051: the robot's state is late, and arrives again before it is stale and before the driver latches.
-#[test]
-fn f051_short_driver_pause_holds_and_resumes() {
-    // 8 ms and 9.3 ms: StateLate is 5 ms, the driver's own silence 10 ms, StateStale 20 ms.
-    for pause in [12, 14] {
-        let modes = modes_of_a_pause(pause, 6 * TICK_HZ);
-        assert_eq!(modes, [Mode::Engaged, Mode::Holding, Mode::Engaged], "{pause} ticks");
-    }
-}
-
-/// F051: the robot's state is stale. Nothing engages again, even if the enable is held.
-#[test]
-fn f051_long_driver_pause_latches_fault() {
-    // More than 30 ms, and a second.
-    for pause in [46, TICK_HZ] {
-        let modes = modes_of_a_pause(pause, 6 * TICK_HZ);
-        assert_eq!(modes.last(), Some(&Mode::Faulted), "{pause} ticks: {modes:?}");
-        assert!(!modes.contains(&Mode::Engaging), "{pause} ticks: {modes:?}");
     }
 }
 

@@ -4,7 +4,8 @@ use crate::{root, subject};
 use checker::ViolationKind;
 use judge::Attack;
 use report::{cores, in_parallel};
-use robot::{BoxEntry, Environment};
+use robot::{BoxEntry, Environment, Model};
+use std::path::PathBuf;
 use torture::chunk::{self, PART_TICKS};
 use torture::cli::Changes;
 use torture::figures::{Merge, RunFigures, merged};
@@ -15,13 +16,12 @@ use torture::stages::Subject;
 const TICKS: u64 = 150_000;
 
 /// The shipped robot with a shelf just above its hands.
-fn below_a_shelf() -> Subject {
+fn below_a_shelf() -> (Model, PathBuf) {
     let file = root().join("config/robots/tiago_dual.toml");
     let (model, _) = config::load_model(&file).unwrap();
     let (center_m, size_m) = ([0.9, 0.0, 0.8], [0.8, 1.6, 0.04]);
     let shelf = BoxEntry { name: "shelf".into(), center_m, size_m, rpy_deg: [0.0; 3] };
-    let model = model.with_environment("test", &Environment { planes: vec![], boxes: vec![shelf] }).unwrap();
-    Subject::new(model, &file, 3.0, Changes::default()).unwrap()
+    (model.with_environment("test", &Environment { planes: vec![], boxes: vec![shelf] }).unwrap(), file)
 }
 
 fn run(subject: &Subject, seed: u64, ticks: u64, threads: usize) -> RunFigures {
@@ -61,23 +61,18 @@ fn hostile_ticks_cause_no_violation() {
     assert!(figures.worst_stop_s.0 < 0.5 && figures.worst_stop_s.0 > 0.1, "{}", figures.worst_stop_s.0);
 }
 
+/// The attack moves the torso, which carries the arms, like every other joint. Without the certificate, a robot that can hit
+/// nothing else hits the shelf.
 #[test]
-fn shelf_above_the_hands_is_not_touched_under_attack() {
-    let subject = below_a_shelf();
-    let figures = run(&subject, 5, 30_000, 1);
+fn f045_f049_shelf_above_the_hands_is_not_touched_under_attack() {
+    let (mut model, file) = below_a_shelf();
+    let figures = run(&Subject::new(model.clone(), &file, 3.0, Changes::default()).unwrap(), 5, 30_000, 1);
     assert!(figures.kept(), "{:?}, {} refused, {} stops late", figures.first, figures.refusals, figures.late_stops);
     assert!(figures.travelled_rad > 10.0, "{} rad", figures.travelled_rad);
-}
-
-#[test]
-fn same_attack_without_certificate_and_gate_collides() {
-    let subject = subject(Changes { no_certificate: true, ..Changes::default() });
-    let figures = run(&subject, 7, 20_000, 1);
-    assert!(figures.violations_of(ViolationKind::Clearance) > 0);
-    assert!(figures.min_clearance_m.0 < subject.model.d_min_m - 5e-3);
-    // The limits of the joints do not depend on the certificate.
-    let others = figures.violations_total() - figures.violations_of(ViolationKind::Clearance);
-    assert_eq!(others, 0, "{:?}", figures.violations);
+    model.pairs.clear();
+    let bare = Changes { no_certificate: true, ..Changes::default() };
+    let bare = run(&Subject::new(model, &file, 3.0, bare).unwrap(), 5, 10_000, 1);
+    assert!(bare.violations_of(ViolationKind::Clearance) > 0, "an attack that proves nothing");
 }
 
 #[test]

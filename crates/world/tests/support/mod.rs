@@ -3,7 +3,7 @@
 
 use config::{Loaded, Overrides};
 use messages::{
-    ALL_JOINTS, Faults, Header, JOINTS_MAX, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject, TICK_HZ,
+    ALL_JOINTS, Faults, Header, JOINTS_MAX, JointTarget, Layout, Mode, RobotState, Stamp, Status, TICK_HZ,
     TRAJECTORY_NODE_TICKS, Transition, deadline, target_flag,
 };
 use robot::{Frames, Model};
@@ -56,8 +56,6 @@ pub struct Bench {
     hash: u64,
     k: u64,
     echo: Option<RobotState>,
-    /// True if a new robot state has arrived since the last tick of control.
-    spoke: bool,
     pub target: Option<[f64; JOINTS_MAX]>,
     /// The rest of a target. Without a limb trajectory, the joints are followed.
     pub person: Box<JointTarget>,
@@ -92,7 +90,6 @@ impl Bench {
             hash: loaded.hash,
             k: FIRST_K,
             echo: None,
-            spoke: true,
             target: None,
             person: Box::new(JointTarget::ZERO),
             more_flags: 0,
@@ -162,17 +159,9 @@ impl Bench {
         self.last_transition().why
     }
 
-    /// Joint of the last transition, if it concerned one.
-    pub fn joint_of_last(&self) -> Option<usize> {
-        match Subject::from_code(self.last_transition().about) {
-            Some(Subject::Joint(joint)) => Some(joint),
-            Some(Subject::Pair(_) | Subject::Person(_)) | None => None,
-        }
-    }
-
     /// Runs one tick of everything. It clears the edges.
     pub fn step(&mut self) {
-        self.tick(true, |_| {});
+        self.step_measuring(|_| {});
     }
 
     /// Runs this number of ticks.
@@ -186,17 +175,8 @@ impl Bench {
         self.step();
     }
 
-    /// Runs one tick without the driver. The driver keeps its state and sends nothing.
-    pub fn step_without_driver(&mut self) {
-        self.tick(false, |_| {});
-    }
-
     /// Runs one tick of everything. `wrong` changes the robot's state on its way to control.
     pub fn step_measuring(&mut self, wrong: impl Fn(&mut RobotState)) {
-        self.tick(true, wrong);
-    }
-
-    fn tick(&mut self, driver_runs: bool, wrong: impl Fn(&mut RobotState)) {
         self.k += 1;
         let now = deadline(self.k);
         let target = self.target.map(|q| JointTarget {
@@ -219,22 +199,18 @@ impl Bench {
         let input = control::Input {
             k: self.k,
             target: target.as_ref(),
-            robot: robot.as_ref().filter(|_| self.spoke),
+            robot: robot.as_ref(),
             operator: self.hand,
             ingest: None,
             realtime_ok: true,
         };
         let out = control::tick(&self.config, &mut self.control, now, input);
-        self.spoke = driver_runs;
         self.status = out.status;
         self.command_flags = out.command.map_or(0, |command| command.flags);
         let hand = &mut self.hand;
         (hand.enable_edge, hand.recover_edge, hand.release_edge) = (false, false, false);
         (hand.reset_edge, hand.estop_edge) = (false, false);
         hand.payload = [None; 2];
-        if !driver_runs {
-            return;
-        }
         let input = driver::DriveInput { due_k: self.k, command: out.command.as_ref() };
         let mut state = simulated::tick(&self.robot_config, &mut self.robot, now, input).state;
         state.header = self.header(now, 9);
