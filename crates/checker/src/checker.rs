@@ -213,8 +213,8 @@ impl Checker {
             && to.k.saturating_sub(engaged_k) < TICK_HZ
         {
             let ratio = |j: usize| to.v[j].abs() / config.limits[j].v_max;
-            report.engage_velocity_ratio =
-                (0..config.model.count).map(ratio).fold(report.engage_velocity_ratio, f64::max);
+            report.engage_first_second_velocity_ratio =
+                (0..config.model.count).map(ratio).fold(report.engage_first_second_velocity_ratio, f64::max);
         }
     }
 }
@@ -248,7 +248,7 @@ fn points(config: &Config, frames: &mut Frames, q: &[f64; JOINTS_MAX]) -> Points
 
 fn count(report: &mut Report, kind: ViolationKind, k: u64, which: usize, value: f64, limit: f64) {
     report.counts[kind as usize] += 1;
-    report.first.get_or_insert(Violation { kind, k, which, value, limit });
+    report.first_violation.get_or_insert(Violation { kind, k, which, value, limit });
 }
 
 /// Checks position and velocity of one joint. It tests that the limits hold and counts each failure, so NaN is a

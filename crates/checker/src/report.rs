@@ -45,29 +45,38 @@ pub struct Violation {
 #[derive(Clone, Debug)]
 pub struct Report {
     pub(crate) counts: [u64; ViolationKind::ALL.len()],
-    pub(crate) first: Option<Violation>,
-    pub(crate) steps: u64,
-    pub(crate) min_clearance_m: f64,
-    /// The least clearance of the steps that had to keep the clearance of every command.
-    pub(crate) min_proved_clearance_m: f64,
+    /// The first violation, to find the cause.
+    pub first_violation: Option<Violation>,
+    /// Number of executed steps that were checked.
+    pub steps: u64,
+    /// The least clearance of the checked pairs over all executed postures, m. It is infinite before the first.
+    pub min_clearance_m: f64,
+    /// The least clearance of the steps that had to keep the clearance of every command, m. It leaves out the stops that
+    /// the driver began by itself, and recoveries.
+    pub min_proved_clearance_m: f64,
+    /// The largest torque of each joint over its effort limit, by the dynamics of the links in every executed motion.
     pub(crate) torque_share_max: [f64; JOINTS_MAX],
-    pub(crate) engagements: u64,
-    pub(crate) engage_max_step_rad: f64,
-    pub(crate) engage_velocity_ratio: f64,
+    /// Number of times that the mode became Engaging with the robot at rest.
+    pub engagements: u64,
+    /// The largest step of a revolute joint in the first tick of Engaging from rest, rad.
+    pub engage_max_step_rad: f64,
+    /// The largest |v| / v_max of any joint in the first second after Engaging began from rest, while the mode was
+    /// Engaging or Engaged.
+    pub engage_first_second_velocity_ratio: f64,
 }
 
 impl Default for Report {
     fn default() -> Self {
         Self {
             counts: [0; ViolationKind::ALL.len()],
-            first: None,
+            first_violation: None,
             steps: 0,
             min_clearance_m: f64::INFINITY,
             min_proved_clearance_m: f64::INFINITY,
             torque_share_max: [0.0; JOINTS_MAX],
             engagements: 0,
             engage_max_step_rad: 0.0,
-            engage_velocity_ratio: 0.0,
+            engage_first_second_velocity_ratio: 0.0,
         }
     }
 }
@@ -88,52 +97,9 @@ impl Report {
         self.counts.iter().sum()
     }
 
-    /// Returns the first violation, to find the cause.
-    pub fn first_violation(&self) -> Option<&Violation> {
-        self.first.as_ref()
-    }
-
-    /// Returns the number of executed steps that were checked.
-    pub fn steps(&self) -> u64 {
-        self.steps
-    }
-
-    /// Returns the least clearance of the checked pairs over all executed postures, m. It is infinite before the first.
-    pub fn min_clearance_m(&self) -> f64 {
-        self.min_clearance_m
-    }
-
-    /// Returns the least clearance of the steps that had to keep the clearance of every command, m. It leaves out
-    /// the stops that the driver began by itself, and recoveries. See [`Report::min_clearance_m`].
-    pub fn min_proved_clearance_m(&self) -> f64 {
-        self.min_proved_clearance_m
-    }
-
-    /// Returns the largest torque of each joint over its effort limit, by the dynamics of the links in every
-    /// executed motion.
-    pub fn torque_share_max(&self) -> &[f64; JOINTS_MAX] {
-        &self.torque_share_max
-    }
-
-    /// Returns the largest of [`torque_share_max`](Self::torque_share_max), and its joint.
+    /// Returns the largest of `torque_share_max`, and its joint.
     pub fn largest_torque_share(&self) -> (f64, usize) {
         let larger = |most: (f64, usize), (j, &share): (usize, &f64)| if share > most.0 { (share, j) } else { most };
         self.torque_share_max.iter().enumerate().fold((0.0, 0), larger)
-    }
-
-    /// Returns how often the mode became Engaging with the robot at rest.
-    pub fn engagements(&self) -> u64 {
-        self.engagements
-    }
-
-    /// Returns the largest step of a revolute joint in the first tick of Engaging from rest, rad.
-    pub fn engage_max_step_rad(&self) -> f64 {
-        self.engage_max_step_rad
-    }
-
-    /// Returns the largest |v| / v_max of any joint in the first second after Engaging began from rest, while the
-    /// mode was Engaging or Engaged.
-    pub fn engage_first_second_velocity_ratio(&self) -> f64 {
-        self.engage_velocity_ratio
     }
 }

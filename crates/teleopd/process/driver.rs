@@ -253,11 +253,11 @@ fn figures(
     let mut figures = json!({
         "timeline": timeline,
         "violations": violations,
-        "min_clearance_mm": report.min_clearance_m() * 1e3,
+        "min_clearance_mm": report.min_clearance_m * 1e3,
         "torque_share_max": report.largest_torque_share().0,
         "engage": {
-            "max_step_rad": report.engage_max_step_rad(),
-            "first_second_velocity_ratio": report.engage_first_second_velocity_ratio(),
+            "max_step_rad": report.engage_max_step_rad,
+            "first_second_velocity_ratio": report.engage_first_second_velocity_ratio,
         },
         "rate_hz": TICK_HZ,
         "commands_accepted": state.follower().accepted,

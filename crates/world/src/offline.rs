@@ -167,7 +167,7 @@ impl Offline {
     pub fn report(&mut self) -> &OfflineReport {
         let simulated = self.world.report();
         self.report.violations = simulated.violations().iter().map(|&(kind, count)| (kind.to_owned(), count)).collect();
-        self.report.min_clearance_mm = simulated.min_clearance_m() * 1e3;
+        self.report.min_clearance_mm = simulated.min_clearance_m * 1e3;
         self.report.torque_share_max = simulated.largest_torque_share().0;
         let mean_deg = |sum_rad: f64| (sum_rad / self.limb_count.max(1) as f64).to_degrees();
         self.report.limb_error_deg_mean = mean_deg(self.limb_sum_rad);

@@ -366,7 +366,7 @@ impl Oracle {
             return Ok(());
         }
         self.checked = total;
-        let Some(first) = report.first_violation() else { return Ok(()) };
+        let Some(first) = report.first_violation else { return Ok(()) };
         Err((
             first.kind.name(),
             format!("executed at index {}, which {}: {} beyond {}", first.k, first.which, first.value, first.limit),

@@ -111,15 +111,15 @@ pub fn run(subject: &Subject, seed: u64, part: u64, ticks: u64) -> RunFigures {
     let report = run.robot.report();
     figures.violations = ViolationKind::ALL.map(|kind| report.violations_of(kind));
     figures.violations.merge(figures.rollout_violations);
-    figures.min_clearance_m.merge(Least(report.min_proved_clearance_m()));
-    figures.min_unproved_clearance_m = Least(report.min_clearance_m());
+    figures.min_clearance_m.merge(Least(report.min_proved_clearance_m));
+    figures.min_unproved_clearance_m = Least(report.min_clearance_m);
     figures.torque_share_max = Most(report.largest_torque_share().0);
     let judged = run.robot.judged();
     figures.true_violations = judged.counts;
     figures.true_speed_ratio_max = Most(judged.speed_ratio_max.into_iter().fold(0.0, f64::max));
     figures.true_clearance_min_m = Least(judged.clearance_min_m);
     figures.first_true = judged.first.map(|first| (first, part));
-    figures.first = report.first_violation().map(|violation| (*violation, part));
+    figures.first = report.first_violation.map(|violation| (violation, part));
     figures
 }
 

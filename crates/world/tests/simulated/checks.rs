@@ -31,8 +31,8 @@ fn motion_at_limits_has_no_violation() {
     for _ in 0..6 {
         ramp(&mut bench, 0.999);
     }
-    assert_eq!(bench.violated(), [""; 0], "{:?}", bench.state.report().first_violation());
-    assert!(bench.state.report().steps() > 200);
+    assert_eq!(bench.violated(), [""; 0], "{:?}", bench.state.report().first_violation);
+    assert!(bench.state.report().steps > 200);
 }
 
 #[test]
@@ -43,7 +43,7 @@ fn jerk_beyond_its_limit_is_counted() {
     assert_eq!(judge.violated(), [""; 0]);
     judge.drive(ELBOW, j_max * (1.0 + 1e-6), 1);
     assert_eq!(judge.violated(), ["jerk"]);
-    let violation = *judge.report.first_violation().unwrap();
+    let violation = judge.report.first_violation.unwrap();
     assert_eq!((violation.kind, violation.k, violation.which), (ViolationKind::Jerk, K + 4, ELBOW));
 }
 
@@ -182,7 +182,7 @@ fn clearance_matches_robot_model_and_is_counted_below_bound() {
         MODEL.forward(&bench.state.follower().motion.q, &mut frames);
         let (expected, _) = MODEL.clearance(&frames);
         let report = bench.state.report();
-        assert!((report.min_clearance_m() - expected).abs() < 1e-9, "{} {expected}", report.min_clearance_m());
+        assert!((report.min_clearance_m - expected).abs() < 1e-9, "{} {expected}", report.min_clearance_m);
         // A robot that is found there has violated nothing. A motion that leads there has.
         assert_eq!(report.violations_of(ViolationKind::Clearance), 0);
         let mut commanded = Report::default();
@@ -203,24 +203,24 @@ fn engage_figures_measure_first_second_only() {
     let mut bench = Bench::ideal();
     bench.command.mode = Mode::Disengaged as u32;
     bench.drive(ELBOW, 0.0, 10);
-    assert_eq!((bench.state.report().engagements(), bench.state.report().engage_max_step_rad()), (0, 0.0));
+    assert_eq!((bench.state.report().engagements, bench.state.report().engage_max_step_rad), (0, 0.0));
     bench.command.mode = Mode::Engaging as u32;
     bench.drive(ELBOW, 30.0, 1);
     let step = 30.0 * TICK_S.powi(3) / 6.0;
-    assert!((bench.state.report().engage_max_step_rad() - step).abs() < 1e-15);
+    assert!((bench.state.report().engage_max_step_rad - step).abs() < 1e-15);
     bench.drive(ELBOW, 30.0, 29);
     bench.drive(ELBOW, -30.0, 30);
     bench.command.mode = Mode::Engaged as u32;
     bench.drive(ELBOW, 0.0, 1);
     let ratio = bench.command.v[ELBOW] / v_max;
-    let measured = bench.state.report().engage_first_second_velocity_ratio();
+    let measured = bench.state.report().engage_first_second_velocity_ratio;
     assert!((measured - ratio).abs() < 1e-12 && ratio > 0.004, "{measured} {ratio}");
     // Faster after the first second, which is no part of the figure.
     let rest = 1500 - 61;
     bench.drive(ELBOW, 0.0, rest);
     bench.drive(ELBOW, 30.0, 30);
-    assert_eq!(bench.state.report().engage_first_second_velocity_ratio(), measured);
-    assert_eq!(bench.state.report().engagements(), 1);
+    assert_eq!(bench.state.report().engage_first_second_velocity_ratio, measured);
+    assert_eq!(bench.state.report().engagements, 1);
 }
 
 #[test]

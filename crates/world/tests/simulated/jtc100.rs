@@ -171,13 +171,13 @@ fn certificate_or_gate_for_jtc_keeps_clearance_and_neither_does_not() {
     let [certified, blind, gated] =
         [&*CERTIFIED, &alone(gate::Interface::default()), &alone(controllers())].map(|run| {
             let Run { report, denials, .. } = run;
-            let (below, least_mm) = (report.violations_of(ViolationKind::Clearance), report.min_clearance_m() * 1e3);
+            let (below, least_mm) = (report.violations_of(ViolationKind::Clearance), report.min_clearance_m * 1e3);
             println!("least {least_mm:.2} mm, {below} ticks below, {denials} denials");
             (below, *denials)
         });
     let report = &CERTIFIED.report;
-    assert_eq!((certified.1, report.violations_total()), (0, 0), "{:?}", report.first_violation());
-    assert!(report.min_clearance_m() < MODEL.d_min_m + 4e-3, "never close");
+    assert_eq!((certified.1, report.violations_total()), (0, 0), "{:?}", report.first_violation);
+    assert!(report.min_clearance_m < MODEL.d_min_m + 4e-3, "never close");
     assert!(blind.0 > 0 && blind.1 == 0, "the test cannot fail");
     assert!(gated.0 == 0 && gated.1 > 0, "the gate alone keeps it");
 }

@@ -242,7 +242,7 @@ impl Bench {
     /// Checks that no executed step broke a limit, by the robot's own checker.
     pub fn assert_no_violations(&self, context: &str) {
         let report = self.robot.report();
-        assert_eq!(report.violations_total(), 0, "{context}: {:?}", report.first_violation());
+        assert_eq!(report.violations_total(), 0, "{context}: {:?}", report.first_violation);
     }
 }
 
