@@ -1,25 +1,19 @@
 //! Tests access to the sockets and shared memory, and the lease, with real processes and other users of the machine.
 
-use client::{PlayOptions, Player, Publisher, Transport};
 use doors::{Client, DoorError, Hello, Reply};
 use harness::user::{User, can_be_another};
-use harness::{Killed, Pace, Rig, in_real_time, signal, soon, wait_until, within};
-use messages::{Fault, Mode, RawSkeleton};
-use motion::CalibrationMode;
+use harness::{Rig, in_real_time, soon};
+use messages::{Fault, Mode};
 use rustix::net::{RecvFlags, SendFlags};
 use std::io::ErrorKind;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Groups that every Linux has, for skeletons and for operators.
 const GROUPS: [&str; 2] = ["daemon", "sys"];
 /// A user that no machine has.
 const SOMEBODY: u32 = 42_424;
-/// Variable that names the socket to the client in a separate process.
-const CLIENT_OF: &str = "TELEOP_TEST_CLIENT_OF";
 
 /// Starts all four processes, with a group for each socket, in a folder that other users can pass through.
 /// Returns the groups' numbers too.
@@ -206,114 +200,6 @@ fn f068_f108_second_client_on_socket_or_bus_does_not_get_the_lease() {
         assert_eq!(ingest["holder"]["door"], "shared memory", "{ingest:#}");
         assert!(ingest["without_authority"].as_u64().unwrap() > 60, "{ingest:#}");
         assert_eq!(ingest["telemetry"]["allocations"]["loop"], 0, "{ingest:#}");
-        rig.end_without_violations();
-    });
-}
-
-/// Not a test by itself. It is the client of the next test, in a process that can be killed and suspended.
-#[test]
-fn client_process_publishes_until_killed() {
-    let Some(socket) = std::env::var_os(CLIENT_OF) else { return };
-    let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
-    let player = Player::new(&motion::builtin(), play, 0, rt::incarnation());
-    let client = Publisher::start_on(Transport::Socket(socket.into()), player, rt::now).expect("the door is open");
-    client.set_engaged(true);
-    loop {
-        std::thread::park();
-    }
-}
-
-fn client_process(rig: &Rig) -> Killed {
-    let mut command = Command::new(std::env::current_exe().expect("this program"));
-    command.args(["--exact", "doors::client_process_publishes_until_killed", "--test-threads=1"]);
-    command.env(CLIENT_OF, rig.instance.skeleton_socket()).stdout(Stdio::null()).stderr(Stdio::null());
-    Killed(command.spawn().expect("the client starts"))
-}
-
-/// Attaches until the new client has the lease. Returns the time that this took.
-fn wait_for_lease(rig: &Rig) -> (Publisher, Duration) {
-    let (since, mut newcomer) = (Instant::now(), None);
-    wait_until("the end of the lease", || {
-        let client = newcomer.insert(rig.socket_client());
-        client.set_engaged(true);
-        within(Duration::from_millis(60), || client.last_reply().as_deref() == Some(Reply::Holder.meaning()))
-    });
-    (newcomer.expect("the holder"), since.elapsed())
-}
-
-#[test]
-fn f069_f070_next_client_waits_for_lease_and_needs_new_enable() {
-    in_real_time(|| {
-        let mut rig = Rig::whole();
-        let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
-        let holder = client_process(&rig);
-        operator.engage_until(Mode::Engaged);
-        observer.wait_moving();
-        signal(holder.id(), "STOP");
-        let (_newcomer, after) = wait_for_lease(&rig);
-        assert!(after > Duration::from_millis(900), "the lease passed on after {after:?}");
-        // The robot came to rest before another client could get the lease. The enable is held all the time.
-        let rest = observer.wait_at_rest();
-        operator.wait_mode(Mode::Disengaged);
-        operator.assert_stays(Mode::Disengaged, Duration::from_secs(1));
-        assert_eq!(observer.wait_at_rest().q, rest.q);
-        signal(holder.id(), "CONT");
-        operator.assert_stays(Mode::Disengaged, Duration::from_millis(500));
-        operator.release();
-        operator.wait_control(Duration::from_millis(300));
-        operator.engage_until(Mode::Engaging);
-        let ingest = rig.end("ingest");
-        assert_eq!(ingest["leases"], 2, "{ingest:#}");
-        assert_eq!(ingest["holder"]["pid"], std::process::id(), "{ingest:#}");
-        rig.end_without_violations();
-    });
-}
-
-/// Publishes as fast as `period` and the socket allow, until `end`. Returns the number of offered and accepted frames.
-fn flood(socket: &Path, period: Duration, end: &AtomicBool) -> (u64, u64) {
-    let mut client = Client::attach(socket).expect("the door is open");
-    let (mut offered, mut taken, mut pace) = (0_u64, 0, Pace::new(period));
-    let mut frame = motion::raw_frame(&motion::builtin(), 0, &<messages::HingeCalibration as messages::Layout>::ZERO);
-    while !end.load(Ordering::Relaxed) {
-        offered += 1;
-        frame.header.sequence = offered;
-        (frame.header.stamp, frame.header.origin) = (rt::now(), rt::now());
-        taken += u64::from(client.publish(&RawSkeleton { ..frame }).is_ok());
-        pace.wait();
-    }
-    (offered, taken)
-}
-
-fn resident_kb(id: u32) -> u64 {
-    let text = std::fs::read_to_string(format!("/proc/{id}/status")).expect("its status");
-    let line = text.lines().find(|line| line.starts_with("VmRSS:")).expect("a size");
-    line.split_whitespace().nth(1).and_then(|number| number.parse().ok()).expect("a number")
-}
-
-#[test]
-fn f023_flood_by_another_client_costs_the_holder_no_frame() {
-    in_real_time(|| {
-        let (mut rig, operator, _, holder) = Rig::moving(Rig::socket_client);
-        let (socket, end, id) = (rig.instance.skeleton_socket(), AtomicBool::new(false), rig.id("ingest"));
-        let (before_kb, stale) = (resident_kb(id), operator.raised(Fault::InputStale));
-        let (offered, taken) = std::thread::scope(|scope| {
-            let flooding = scope.spawn(|| flood(&socket, Duration::from_micros(100), &end));
-            operator.wait_control(Duration::from_secs(2));
-            operator.wait_mode(Mode::Engaged);
-            end.store(true, Ordering::Relaxed);
-            flooding.join().expect("no panic")
-        });
-        let after_kb = resident_kb(id);
-        assert_eq!(operator.raised(Fault::InputStale), stale, "no frame of the holder came late");
-        assert_eq!((holder.failures(), holder.last_reply().as_deref()), (0, Some(Reply::Holder.meaning())));
-        drop(holder);
-        let ingest = rig.end("ingest");
-        let over = ingest["over_quota"]["socket"].as_u64().unwrap();
-        println!("offered {offered}, taken {taken}, over quota {over}, {before_kb} -> {after_kb} kB, {ingest:#}");
-        assert!(offered > 1000 && over > 500, "offered {offered}, passed over {over}");
-        let looked_at = ingest["without_authority"].as_u64().unwrap();
-        assert!(looked_at <= 16 + 250 * 3, "{looked_at} frames of the flood were looked at");
-        assert!(after_kb <= before_kb + 256, "{before_kb} -> {after_kb} kB");
         rig.end_without_violations();
     });
 }
