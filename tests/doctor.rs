@@ -91,14 +91,7 @@ impl Patient {
 }
 
 fn files_below(folder: &Path) -> BTreeSet<PathBuf> {
-    let mut all = BTreeSet::new();
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        if entry.path().is_dir() {
-            all.extend(files_below(&entry.path()));
-        }
-        all.insert(entry.path());
-    }
-    all
+    glob::glob(&folder.join("**/*").display().to_string()).expect("a pattern").flatten().collect()
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Tests the Debian package. Its table of files covers an installation's needs, and the built package works.
 
-use crate::sources::root;
+use crate::sources::{files, root};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -14,33 +14,10 @@ fn assets() -> Vec<[String; 3]> {
     assets.iter().map(|row| [0, 1, 2].map(|column| word(row, column))).collect()
 }
 
-/// Returns the files below a folder of the repository, by their paths in it.
-fn files(folder: &str) -> BTreeSet<String> {
-    let mut found = BTreeSet::new();
-    for entry in std::fs::read_dir(root().join(folder)).unwrap_or_else(|error| panic!("{folder}: {error}")).flatten() {
-        let path = format!("{folder}/{}", entry.file_name().to_string_lossy());
-        if entry.path().is_dir() {
-            found.append(&mut files(&path));
-        } else {
-            found.insert(path);
-        }
-    }
-    found
-}
-
-/// Returns the files that a source in the table names: one file, or several by a `*` in its last part.
-fn named(source: &str) -> BTreeSet<String> {
-    let (folder, pattern) = source.rsplit_once('/').unwrap_or((".", source));
-    let mut parts = pattern.split('*');
-    let (start, rest): (_, Vec<_>) = (parts.next().unwrap_or(""), parts.collect());
-    let fits = |name: &str| match rest.last() {
-        None => name == start,
-        Some(end) => name.starts_with(start) && name.ends_with(end) && rest.iter().all(|part| name.contains(part)),
-    };
-    let entries = std::fs::read_dir(root().join(folder)).into_iter().flatten().flatten();
-    let names =
-        entries.filter(|entry| entry.path().is_file()).map(|entry| entry.file_name().to_string_lossy().into_owned());
-    names.filter(|name| fits(name)).map(|name| if folder == "." { name } else { format!("{folder}/{name}") }).collect()
+/// Returns the files of the repository that a pattern names, by their paths in it.
+fn named(pattern: &str) -> BTreeSet<String> {
+    let files = files(&root().join(pattern));
+    files.iter().map(|path| path.strip_prefix(root()).expect("a file of ours").display().to_string()).collect()
 }
 
 #[test]
@@ -51,8 +28,8 @@ fn package_sources_exist_and_needed_files_are_included() {
         assert!(!found.is_empty(), "{source} names no file");
         covered.append(&mut found);
     }
-    for folder in ["config/robots", "config/systemd"] {
-        let left_out: Vec<_> = files(folder).difference(&covered).cloned().collect();
+    for all in ["config/robots/**/*", "config/systemd/**/*"] {
+        let left_out: Vec<_> = named(all).difference(&covered).cloned().collect();
         assert!(left_out.is_empty(), "not in the package: {left_out:?}");
     }
     for file in [

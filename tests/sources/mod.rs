@@ -8,6 +8,13 @@ pub fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
+/// Returns the files that a pattern names.
+pub fn files(pattern: &Path) -> Vec<PathBuf> {
+    let found =
+        glob::glob(&pattern.display().to_string()).unwrap_or_else(|error| panic!("{}: {error}", pattern.display()));
+    found.map(|path| path.expect("a path")).filter(|path| path.is_file()).collect()
+}
+
 /// Returns the output of a cargo command. It uses no network.
 pub fn cargo(arguments: &[&str]) -> String {
     let mut cargo = Command::new(std::env::var("CARGO").unwrap_or_else(|_| "cargo".into()));
@@ -32,11 +39,9 @@ pub fn rust_files() -> Vec<(String, String)> {
             String::from_utf8_lossy(&output.stdout).lines().map(str::to_owned).collect()
         }
         _ => {
-            let mut found = Vec::new();
-            for folder in ["crates", "tests", "tools"] {
-                walk(&root().join(folder), &mut found);
-            }
-            found.iter().map(|path| path.strip_prefix(root()).unwrap().display().to_string()).collect()
+            let folders = ["crates", "tests", "tools"].iter();
+            let found = folders.flat_map(|folder| files(&root().join(folder).join("**/*.rs")));
+            found.map(|path| path.strip_prefix(root()).unwrap().display().to_string()).collect()
         }
     };
     assert!(names.len() > 30, "the tree has more sources than {}", names.len());
@@ -52,16 +57,4 @@ pub fn documents(pages: &[&str]) -> Vec<(String, String)> {
     let chapters = chapters.map(|entry| format!("docs/src/{}", entry.file_name().to_string_lossy()));
     let names = chapters.filter(|name| name.ends_with(".md")).chain(pages.iter().map(|page| (*page).to_owned()));
     names.map(|name| (name.clone(), std::fs::read_to_string(root().join(&name)).expect(&name))).collect()
-}
-
-fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
-    let Ok(entries) = std::fs::read_dir(folder) else { return };
-    for entry in entries.flatten() {
-        let path = entry.path();
-        if path.is_dir() {
-            walk(&path, found);
-        } else if path.extension().is_some_and(|extension| extension == "rs") {
-            found.push(path);
-        }
-    }
 }
