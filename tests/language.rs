@@ -38,9 +38,9 @@ const NO_NAMES: [(&str, &str); 12] = [
 /// Longest sentence, words. A formula counts as none.
 const SENTENCE_WORDS_MAX: usize = 30;
 
-/// Budget of lines for each part of the tree: the count of 2026-11-29, with the lifter of a camera's points. Raising one is a
+/// Budget of lines for each part of the tree: the count of 2026-11-29, less what was removed since. Raising one is a
 /// decision.
-const BUDGETS: [(&str, usize); 3] = [("product", 73_150), ("tools", 29_920), ("tests", 47_460)];
+const BUDGETS: [(&str, usize); 3] = [("product", 73_134), ("tools", 29_864), ("tests", 46_308)];
 
 fn rust() -> Vec<(String, String)> {
     let mut all = sources::rust_files();
