@@ -50,7 +50,7 @@ impl Goal {
             let [start] = network.decode(&network.encode_human(&[features(human)]));
             refine(&arm, human, &start, &start, PRIOR_WEIGHT, 2).q
         });
-        let joints = [0, 1].map(|side| std::array::from_fn(|j| loaded.model.arms[side].joints[j]));
+        let joints = [0, 1].map(|side| std::array::from_fn(|j| loaded.model.arms[side].range().start + j));
         let mut goal = Self { arm, limbs, q, joints, misses_deg: 0.0 };
         goal.misses_deg = goal.limbs_deg(&q);
         goal
@@ -87,7 +87,7 @@ fn arms_between_default_poses_keep_up_with_the_handle() {
             triangle.q(&std::array::from_fn(|n| (1.0 - s) * CORNERS[from][n] + s * CORNERS[to][n]))
         };
         for (i, side, j) in (0..240).flat_map(|i| (0..ARMS).flat_map(move |side| (0..5).map(move |j| (i, side, j)))) {
-            let limit = loaded.model.limits[loaded.model.arms[side].joints[j]].v_max;
+            let limit = loaded.model.limits[loaded.model.arms[side].range().start + j].v_max;
             needs_s = needs_s.max((at(i + 1)[side][j] - at(i)[side][j]).abs() * 240.0 / limit);
         }
     }

@@ -140,7 +140,7 @@ pub fn robot(model: &robot::Model, frames: &mut robot::Frames, q: &[f64; JOINTS_
         project(t.y, t.z)
     };
     let body = |joint: usize| origin(joint + 1);
-    let shoulders = model.arms.each_ref().map(|arm| frames.base_from_body[arm.joints[0] + 1].t);
+    let shoulders = model.arms.each_ref().map(|arm| frames.base_from_body[arm.range().start + 1].t);
     let chest = (shoulders[0] + shoulders[1]) / 2.0;
     let chest = [chest.y, chest.z];
     let neck = project(chest[0], chest[1]);
@@ -278,9 +278,9 @@ mod tests {
             let top = (0..rows).find(|&y| any(&canvas, COLUMNS - 4..COLUMNS + 4, y..y + 1)).expect("a body");
             let top_m = (rows - top) as f64 / DOTS_PER_M;
             assert!(high_m.contains(&top_m), "{name} is {top_m} m high");
-            let shoulders_m = frames.base_from_body[model.arms[0].joints[0] + 1].t.z;
+            let shoulders_m = frames.base_from_body[model.arms[0].range().start + 1].t.z;
             assert_eq!(head(&model, &frames, shoulders_m).is_some(), has_head, "{name}");
-            let hand = frames.base_from_body[model.arms[0].joints[6] + 1].t;
+            let hand = frames.base_from_body[model.arms[0].hand_body()].t;
             let [x, y] = project(hand.y, hand.z).map(|at| at as usize);
             // Long arms reach beyond the canvas.
             let inside = x + 3 < 2 * COLUMNS;

@@ -4,7 +4,7 @@ use crate::Config;
 use crate::status::limb_angles;
 use crate::target::Target;
 use messages::JOINTS_MAX;
-use robot::Model;
+use robot::{Model, POINTING_JOINTS};
 use safety::{engage, monitor};
 
 /// A command is aligned with its target if no valid joint is farther from it than this, rad: 1.1 degrees. Then the
@@ -39,7 +39,7 @@ pub(super) struct Following {
     /// Share of the speeds that hands and head may use.
     pointing_scale: f64,
     /// Reference positions of the head's joints, rad. `None` before the first tick.
-    head: Option<[f64; 2]>,
+    head: Option<[f64; POINTING_JOINTS]>,
     /// Reference position of the lift, m. `None` while it has no target.
     lift_m: Option<f64>,
     /// Mean limb error over both of [`AVERAGES_S`], rad. `None` before the first tick at full speed: how far away the
@@ -159,8 +159,8 @@ impl Following {
     /// Moves the reference of the head from the command to the target, or home without one, at the speed that it has.
     fn turn_head(&mut self, config: &Config, q: &[f64; JOINTS_MAX], reference: &mut Reference) {
         let Some(head) = &config.model.head else { return };
-        let positions = self.head.get_or_insert(head.joints.map(|j| q[j]));
-        for (now, j) in positions.iter_mut().zip(head.joints) {
+        let positions = self.head.get_or_insert(head.joints.map(|joint| joint.map_or(0.0, |j| q[j])));
+        for (now, j) in positions.iter_mut().zip(head.joints).filter_map(|(now, joint)| Some((now, joint?))) {
             let most = self.pointing_scale * config.model.limits[j].v_max * messages::TICK_S;
             let goal = if reference.valid_mask & 1 << j != 0 { reference.q[j] } else { config.model.home[j] };
             *now = toward(*now, goal, most);

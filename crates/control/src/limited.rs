@@ -1,6 +1,5 @@
 //! Limits that keep the command from the person.
 
-use follow::LIMB_JOINTS;
 use messages::{FollowingLimit, JointMotion, Status, Subject};
 use robot::Model;
 
@@ -18,7 +17,7 @@ const AT_CLEARANCE_M: f64 = 1e-3;
 /// no limb is behind because of them.
 pub(super) fn report(status: &mut Status, follows: bool, motion: &JointMotion, wbc: &wbc::Config, model: &Model) {
     let bounds = wbc.bounds();
-    let arms = || model.arms.iter().flat_map(|arm| &arm.joints[..LIMB_JOINTS]).copied();
+    let arms = || model.arms.iter().flat_map(robot::Arm::limb_joints);
     let speed = |j: usize| motion.v[j].abs() / bounds[j].v_max;
     let fastest = arms().max_by(|&a, &b| speed(a).total_cmp(&speed(b))).filter(|&j| speed(j) >= AT_SPEED);
     let close = status.clearance_command_m <= model.d_min_m + AT_CLEARANCE_M;

@@ -24,7 +24,7 @@ impl Anchor {
             return reference;
         }
         let anchor = *self.0.get_or_insert(*q);
-        let is_head = |j: usize| model.head.as_ref().is_some_and(|head| head.joints.contains(&j));
+        let is_head = |j: usize| model.head.as_ref().is_some_and(|head| head.joints.contains(&Some(j)));
         let follows = |j: usize| (0..2).any(|side| !left_out[side] && model.arms[side].range().contains(&j));
         reference.map(|mut reference| {
             for j in (0..model.count).filter(|&j| !is_head(j) && !follows(j)) {

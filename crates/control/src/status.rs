@@ -3,7 +3,7 @@
 use crate::Config;
 use crate::following::Reference;
 use messages::{JOINTS_MAX, LIMBS};
-use retarget::{ArmModel, Limbs, limb_error_deg};
+use retarget::{ArmModel, Limbs};
 use robot::Model;
 
 /// Angles between the person's limbs and those of the arms at `q`, rad, indexed by `Limb`. `None` for an arm
@@ -17,8 +17,8 @@ pub(super) fn limb_angles(
     let mut angles = [None; LIMBS];
     for (side, arm) in model.arms.iter().enumerate() {
         let Some(human) = &limbs[side] else { continue };
-        let as_left = arm.mirrored(&core::array::from_fn(|i| q[arm.joints[i]]));
-        let degrees = limb_error_deg(&arm_model.forward(&as_left), human);
+        let as_left = arm.mirrored(&arm.limb_values(q));
+        let degrees = arm_model.limb_error_deg(&as_left, human);
         angles[2 * side..2 * side + 2].copy_from_slice(&degrees.map(|angle| Some(angle.to_radians())));
     }
     angles

@@ -7,13 +7,13 @@ use robot::{Frames, Model};
 
 pub use robot::Limbs;
 
-/// Positions, velocities or accelerations of joints 1 to 5 of one arm.
+/// Positions, velocities or accelerations of the joints that turn the limbs of one arm, by slot. Zero in an empty one.
 pub type ArmVector = nalgebra::SVector<f64, LIMB_JOINTS>;
 
 /// Rows of an error: three for the upper arm, three for the forearm.
 pub const ROWS: usize = 6;
 
-/// Five revolute joints that turn two limbs. Joints 1 to 3 turn the upper arm, 4 and 5 the forearm.
+/// Up to five revolute joints that turn two limbs. Slots 1 to 3 turn the upper arm, 4 and 5 the forearm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Arm {
     /// Unit axis of each joint in the torso frame while the arm is at `reference`.
@@ -23,6 +23,8 @@ pub struct Arm {
     /// From the origin of each joint to that of the next one, while the arm is at `reference`, torso frame, m. The last one ends in
     /// the middle of the hand, with the wrist at home.
     links_m: [Vector3<f64>; LIMB_JOINTS],
+    /// The limbs, upper arm and forearm, that can turn about their own length. The others are matched by their direction.
+    rolls: [bool; 2],
 }
 
 /// Error of the robot's limbs, and its derivative by the joints.
@@ -42,7 +44,9 @@ impl Arm {
         reference: [f64; LIMB_JOINTS],
         links_m: [Vector3<f64>; LIMB_JOINTS],
     ) -> Self {
-        Self { axes: axes.map(|axis| axis.normalize()), reference, links_m }
+        let axes = axes.map(|axis| axis.try_normalize(0.0).unwrap_or_default());
+        let rolls = [2, 4].map(|slot: usize| axes[slot] != Vector3::zeros());
+        Self { axes, reference, links_m, rolls }
     }
 
     /// Takes the left (0) or the right arm (1) of `model`. A right arm is taken as the left arm that mirrors it, in the
@@ -51,12 +55,13 @@ impl Arm {
         let (left, arm) = (&model.arms[0], &model.arms[side]);
         let mut frames = Frames::default();
         model.forward(&model.t_pose(), &mut frames);
-        let origin = |j: usize| match j {
-            LIMB_JOINTS => model.hand(&frames, 0),
-            _ => frames.base_from_body[left.joints[j] + 1].t,
-        };
+        // An empty slot lies where the next joint does, so that no link hangs on it.
+        let mut origins = [model.hand(&frames, 0); LIMB_JOINTS + 1];
+        for slot in (0..LIMB_JOINTS).rev() {
+            origins[slot] = left.slots[slot].map_or(origins[slot + 1], |joint| frames.base_from_body[joint + 1].t);
+        }
         let torso_from_base = model.base_from_torso(&frames).transpose();
-        let links_m = std::array::from_fn(|j| torso_from_base * (origin(j + 1) - origin(j)));
+        let links_m = std::array::from_fn(|j| torso_from_base * (origins[j + 1] - origins[j]));
         Self::new(std::array::from_fn(|j| left.axes[j] * arm.signs[j]), arm.reference, links_m)
     }
 
@@ -70,12 +75,13 @@ impl Arm {
 
     /// Angles between the robot's limbs at `q` and the person's, rad: upper arm, forearm.
     pub fn angles(&self, q: &ArmVector, person: &Limbs) -> [f64; 2] {
-        self.limbs(q).angles(person)
+        let robot = self.limbs(q);
+        robot.angles(&robot.target(person, self.rolls))
     }
 
     /// Errors of both limbs with their Jacobian. Let w_j be the axis of joint j in the torso frame. Then d log(R
     /// P^-1) / d q_j = J_l^-1(log) w_j, with J_l the left Jacobian of SO(3) (Sola, Deray, Atchuthan 2018, equation
-    /// 146).
+    /// 146). Of a limb that cannot roll, w_j is taken across the limb, and the person's limb is that of [`Limbs::target`].
     pub fn error(&self, q: &ArmVector, person: &Limbs) -> Error {
         let turns: [_; LIMB_JOINTS] = std::array::from_fn(|j| self.turn(j, q));
         let mut so_far = Quaternion::identity();
@@ -89,9 +95,12 @@ impl Arm {
             axis
         });
         let mut error = Error { rotation: [0.0; ROWS], jacobian: [[0.0; ROWS]; LIMB_JOINTS] };
-        let limbs = [(upper, person.upper, 3), (so_far, person.fore, LIMB_JOINTS)];
+        let robot = Limbs { upper: UnitQuaternion::new_unchecked(upper), fore: UnitQuaternion::new_unchecked(so_far) };
+        let person = robot.target(person, self.rolls);
+        let directions = if self.rolls == [true; 2] { [Vector3::zeros(); 2] } else { robot.directions() };
+        let limbs = [(robot.upper, person.upper, 3), (robot.fore, person.fore, LIMB_JOINTS)];
         for (limb, (robot, person, joints)) in limbs.into_iter().enumerate() {
-            let (w, v) = rotation_error(&UnitQuaternion::new_unchecked(robot), &person);
+            let (w, v) = rotation_error(&robot, &person);
             let sine = v.norm();
             let half = sine.atan2(w);
             // Below 1e-6 the logarithm is twice the vector, and its Jacobian is the identity, to 1e-12.
@@ -102,7 +111,9 @@ impl Arm {
             };
             error.rotation[3 * limb..3 * limb + 3].copy_from_slice(rotation.as_slice());
             for j in 0..joints {
-                let axis = axes[j];
+                let along =
+                    if self.rolls[limb] { Vector3::zeros() } else { directions[limb] * directions[limb].dot(&axes[j]) };
+                let axis = axes[j] - along;
                 let column = axis * c + direction * ((1.0 - c) * direction.dot(&axis)) - rotation.cross(&axis) * 0.5;
                 error.jacobian[j][3 * limb..3 * limb + 3].copy_from_slice(column.as_slice());
             }

@@ -30,7 +30,7 @@ mod wrist;
 
 pub use tick::{Aim, Config, Input, Output, State, Weights, tick};
 
-/// Joints of an arm that turn its limbs: 1 to 5.
+/// Slots of the joints that turn the limbs of an arm: three for the upper arm, two for the forearm. An empty slot has no axis.
 pub const LIMB_JOINTS: usize = 5;
 /// Nodes of the horizon.
 pub const NODES: usize = messages::TRAJECTORY_NODES;

@@ -11,7 +11,7 @@
 use crate::LIMB_JOINTS;
 use messages::ARM_JOINTS;
 use nalgebra::Vector3;
-use robot::{Frames, Model, segment_distance};
+use robot::{Arm, Frames, Model, segment_distance};
 
 /// Distance below which a pair is evaluated, m. Whole-body control slows an arm whose stop comes nearer than about 30
 /// mm. A wrist turns away earlier, because that moves no limb.
@@ -23,7 +23,7 @@ struct Pair {
     own: usize,
     other: usize,
     radii_m: f64,
-    /// The joints of the arm between both capsules: from..to.
+    /// The joints of the arm between both capsules, in the order of messages: from..to.
     from: usize,
     to: usize,
 }
@@ -33,17 +33,16 @@ struct Pair {
 pub(crate) struct NearPair {
     /// Distance of the surfaces, m. Below zero they intersect.
     pub(crate) distance_m: f64,
-    /// Its derivative by each joint of the arm, m/rad.
+    /// Its derivative by the joint in each slot of the arm, m/rad.
     pub(crate) slope: [f64; ARM_JOINTS],
 }
 
 /// Constant data of the pairs of one arm.
 #[derive(Clone, Debug)]
 pub(crate) struct ArmPairs {
-    /// Index of the arm's first joint.
-    first: usize,
+    slots: [Option<usize>; ARM_JOINTS],
     pairs: Vec<Pair>,
-    /// Unit axis of each joint, in the frame of the body that it moves.
+    /// Unit axis of the joint in each slot, in the frame of the body that it moves.
     axes: [Vector3<f64>; ARM_JOINTS],
 }
 
@@ -55,12 +54,12 @@ impl NearPair {
 }
 
 impl ArmPairs {
-    /// Collects the pairs of the arm that begins with joint `first`.
-    pub(crate) fn new(model: &Model, first: usize) -> Self {
-        // Number of joints of the arm that move the capsule.
+    /// Collects the pairs of an arm.
+    pub(crate) fn new(model: &Model, arm: &Arm) -> Self {
+        // The joint after the last one of the arm that moves the capsule.
         let joints = |capsule: usize| {
-            let body = model.capsules[capsule].body;
-            if (first + 1..=first + ARM_JOINTS).contains(&body) { body - first } else { 0 }
+            let joint = model.capsules[capsule].body.checked_sub(1).filter(|joint| arm.range().contains(joint));
+            joint.map_or(arm.range().start, |joint| joint + 1)
         };
         let pairs = model.pairs.iter().filter_map(|&robot::Pair { a, b }| {
             let (own, other) = if joints(a) > joints(b) { (a, b) } else { (b, a) };
@@ -68,7 +67,8 @@ impl ArmPairs {
             let (from, to) = (joints(other), joints(own));
             (to > from).then_some(Pair { own, other, radii_m, from, to })
         });
-        Self { first, pairs: pairs.collect(), axes: std::array::from_fn(|i| model.joint_at_zero(first + i).1) }
+        let axes = arm.slots.map(|slot| slot.map_or_else(Vector3::zeros, |joint| model.joint_at_zero(joint).1));
+        Self { slots: arm.slots, pairs: pairs.collect(), axes }
     }
 
     /// Calls `visit` for every pair nearer than [`PROXIMITY_M`] with the bodies at `frames`. It skips a pair whose distance is
@@ -90,8 +90,9 @@ impl ArmPairs {
             let point = own[0] + (own[1] - own[0]) * nearest.s;
             let away = (point - (other[0] + (other[1] - other[0]) * nearest.t)) / nearest.distance_m;
             let mut slope = [0.0; ARM_JOINTS];
-            for i in pair.from..pair.to {
-                let pose = &frames.base_from_body[self.first + i + 1];
+            for (i, slot) in self.slots.iter().enumerate() {
+                let Some(joint) = slot.filter(|joint| (pair.from..pair.to).contains(joint)) else { continue };
+                let pose = &frames.base_from_body[joint + 1];
                 slope[i] = away.dot(&(pose.r * self.axes[i]).cross(&(point - pose.t)));
             }
             visit(&NearPair { distance_m, slope });

@@ -5,10 +5,10 @@ use crate::gap::{Gap, Gaps, WATCHED};
 use crate::plan::{Plan, intervals_s, is_finite, node_after};
 use crate::proximity::ArmPairs;
 use crate::solver::{self, Bounds, Problem, Sweep};
-use crate::wrist::{self, WRIST_FIRST, WRIST_JOINTS, Wrist};
+use crate::wrist::{self, Wrist};
 use crate::{ITERATION_TICKS, LIMB_JOINTS, NODES};
 use messages::{HAND_NODES, JOINTS_MAX, LIMBS, TICK_S, TRAJECTORY_NODE_TICKS};
-use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use robot::{Frames, Model};
 
 pub use crate::solver::Weights;
@@ -55,8 +55,8 @@ pub struct Aim {
 #[derive(Clone, Debug)]
 pub struct Config {
     arms: [Arm; ARMS],
-    /// First joint of each arm.
-    first: [usize; ARMS],
+    /// Joints of each arm.
+    joints: [robot::Arm; ARMS],
     bounds: [Bounds; ARMS],
     weights: Weights,
     wrists: [Wrist; ARMS],
@@ -67,21 +67,22 @@ pub struct Config {
 impl Config {
     /// Creates a configuration for the robot's arms within their limits. `v_max`: speeds that the plan may use, rad/s.
     pub fn new(model: &Model, v_max: &[f64; JOINTS_MAX], weights: Weights) -> Self {
-        let first = model.arms.each_ref().map(|arm| arm.joints[0]);
-        let bounds = first.map(|first| {
-            let bound =
-                |limit: fn(&robot::JointLimits) -> f64| ArmVector::from_fn(|j, _| limit(&model.limits[first + j]));
+        let joints = model.arms;
+        let bounds = joints.each_ref().map(|arm| {
+            // What stands in an empty slot is no limit: nothing moves there.
+            let each =
+                |empty: f64, value: &dyn Fn(usize) -> f64| ArmVector::from_fn(|j, _| arm.slots[j].map_or(empty, value));
             Bounds {
-                q_min: bound(|l| l.q_min + INSET_RAD),
-                q_max: bound(|l| l.q_max - INSET_RAD),
-                v_max: ArmVector::from_fn(|j, _| v_max[first + j]),
-                a_max: bound(|l| l.a_max),
+                q_min: each(-1.0, &|j| model.limits[j].q_min + INSET_RAD),
+                q_max: each(1.0, &|j| model.limits[j].q_max - INSET_RAD),
+                v_max: each(1.0, &|j| v_max[j]),
+                a_max: each(1.0, &|j| model.limits[j].a_max),
             }
         });
         let wrists = [0, 1].map(|side| Wrist::new(model, side, v_max));
-        let pairs = first.map(|first| ArmPairs::new(model, first));
+        let pairs = joints.each_ref().map(|arm| ArmPairs::new(model, arm));
         let arms = [0, 1].map(|side| Arm::from_model(model, side));
-        Self { arms, first, bounds, weights, wrists, pairs, model: Box::new(model.clone()) }
+        Self { arms, joints, bounds, weights, wrists, pairs, model: Box::new(model.clone()) }
     }
 }
 
@@ -224,15 +225,16 @@ impl Default for State {
 ///     speed_scale: 1.0, wrist_speed_scale: 1.0,
 /// };
 /// let out = follow::tick(&config, &mut follow::State::new(), input);
-/// assert!(out.aims[model.arms[0].joints[0]].is_some());
+/// assert!(out.aims[model.arms[0].range().start].is_some());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
     let before = input.k.saturating_sub(1);
     for arm in 0..ARMS {
-        let in_use = (0..LIMB_JOINTS).all(|j| input.valid_mask & 1 << (config.first[arm] + j) != 0);
+        let joints = &config.joints[arm];
+        let in_use = joints.limb_joints().all(|j| input.valid_mask & 1 << j != 0);
         if in_use && !state.in_use[arm] {
-            let start = solver::State { q: part(input.q, config.first[arm]), v: part(input.v, config.first[arm]) };
+            let start = solver::State { q: part(input.q, joints), v: part(input.v, joints) };
             state.plans[arm] = Plan::new(before, start, [ArmVector::zeros(); NODES]);
             state.wrists[arm] = config.wrists[arm].begin(input.q);
             // Its old gaps belong to another posture.
@@ -254,15 +256,16 @@ pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
         let u = state.plans[arm].input_at(before);
         state.plans[arm].advance(input.k);
         let there = &state.plans[arm].state;
-        for j in 0..LIMB_JOINTS {
-            output.aims[config.first[arm] + j] = Some(Aim { q: there.q[j], v: there.v[j], a: u[j] });
+        for (j, joint) in config.joints[arm].slots.into_iter().take(LIMB_JOINTS).enumerate() {
+            let Some(joint) = joint else { continue };
+            output.aims[joint] = Some(Aim { q: there.q[j], v: there.v[j], a: u[j] });
         }
         // Evaluations since the wrist's last step, as a share of those until its next step.
         let evaluations = state.watched_step + if state.watched_arm == arm { WATCHED.len() } else { 0 };
         let share = evaluations as f64 / (ARMS * WATCHED.len()) as f64;
-        for i in 0..WRIST_JOINTS {
+        for (i, joint) in config.wrists[arm].joints() {
             let (q, v) = state.wrists[arm].at(i, share, WRIST_STEP_S);
-            output.aims[config.first[arm] + WRIST_FIRST + i] = Some(Aim { q, v, a: 0.0 });
+            output.aims[joint] = Some(Aim { q, v, a: 0.0 });
         }
     }
     output
@@ -280,13 +283,11 @@ fn evaluate_pairs(config: &Config, state: &mut State, input: &Input<'_>) {
         for other in (0..ARMS).filter(|&other| state.in_use[other]) {
             let plan = &state.plans[other];
             let there = plan.continued(plan.state, before, until).q;
-            let first = config.first[other];
-            q[first..first + LIMB_JOINTS].copy_from_slice(there.as_slice());
-            let wrist = first + WRIST_FIRST;
-            q[wrist..wrist + WRIST_JOINTS].copy_from_slice(&state.wrists[other].q);
+            config.joints[other].set_limbs(&there.into(), &mut q);
+            config.wrists[other].joints().for_each(|(i, joint)| q[joint] = state.wrists[other].q[i]);
         }
         config.model.forward(&q, &mut state.frames);
-        let there = part(&q, config.first[arm]);
+        let there = part(&q, &config.joints[arm]);
         let (gaps, wrist) = (&mut state.gaps[arm], &mut state.wrists[arm]);
         gaps.clear(step);
         config.pairs[arm].evaluate(&config.model, &state.frames, |pair| {
@@ -306,7 +307,7 @@ fn evaluate_pairs(config: &Config, state: &mut State, input: &Input<'_>) {
 }
 
 /// Returns the wrist speed that fits the person's hand at the known nodes, rad/s.
-fn hand_speed(config: &Config, state: &State, input: &Input<'_>, arm: usize) -> Vector2<f64> {
+fn hand_speed(config: &Config, state: &State, input: &Input<'_>, arm: usize) -> Vector3<f64> {
     let (plan, wrist) = (&state.plans[arm], &state.wrists[arm]);
     let (mut there, mut k) = (plan.state, input.k.saturating_sub(1));
     let mut fit = wrist::SpeedFit::default();
@@ -314,7 +315,7 @@ fn hand_speed(config: &Config, state: &State, input: &Input<'_>, arm: usize) -> 
         let at = input.trajectory_first.saturating_add(i as u64).saturating_mul(TRAJECTORY_NODE_TICKS);
         (there, k) = (plan.continued(there, k, at), k.max(at));
         if let Some(hand) = rotation(hands[arm]) {
-            let wanted = config.wrists[arm].pointing(&there.q, &hand);
+            let wanted = config.wrists[arm].pointing(&there.q, &hand, wrist.q);
             fit.add(wrist, at.saturating_sub(input.k) as f64 * TICK_S, wanted);
         }
     }
@@ -361,7 +362,7 @@ fn iterate(config: &Config, state: &mut State, input: &Input<'_>) {
 fn prepare(config: &Config, work: &mut Iteration, (plan, gaps): (&Plan, &Gaps), input: &Input<'_>, arm: usize) {
     let before = input.k.saturating_sub(1);
     work.begin = before + ITERATION_TICKS - 1;
-    let commanded = solver::State { q: part(input.q, config.first[arm]), v: part(input.v, config.first[arm]) };
+    let commanded = solver::State { q: part(input.q, &config.joints[arm]), v: part(input.v, &config.joints[arm]) };
     let off = (commanded.q - plan.state.q).amax() > OFF_RAD || (commanded.v - plan.state.v).amax() > OFF_RAD_PER_S;
     let from = if off { commanded } else { plan.state };
     let bounds = &config.bounds[arm];
@@ -370,7 +371,7 @@ fn prepare(config: &Config, work: &mut Iteration, (plan, gaps): (&Plan, &Gaps), 
     problem.interval_s = intervals_s(work.begin);
     problem.bounds = Bounds { v_max: bounds.v_max * input.speed_scale, ..*bounds };
     problem.gaps = *gaps;
-    problem.prior = part(input.prior, config.first[arm]);
+    problem.prior = part(input.prior, &config.joints[arm]);
     let first = node_after(work.begin);
     let mut known = config.arms[arm].limbs(&problem.start.q);
     for i in 0..NODES {
@@ -385,8 +386,8 @@ fn prepare(config: &Config, work: &mut Iteration, (plan, gaps): (&Plan, &Gaps), 
     work.sweep.begin(&config.arms[arm], &config.weights, problem);
 }
 
-fn part(all: &[f64; JOINTS_MAX], first: usize) -> ArmVector {
-    ArmVector::from_fn(|j, _| all[first + j])
+fn part(all: &[f64; JOINTS_MAX], arm: &robot::Arm) -> ArmVector {
+    arm.limb_values(all).into()
 }
 
 /// Returns the limbs of an arm, mirrored to a left arm.

@@ -23,16 +23,17 @@
 //! One tick evaluates one node of one arm. After the last node the wrist takes one Gauss-Newton step. Whole-body control
 //! handles obstacles that are not part of the robot.
 
+use crate::LIMB_JOINTS;
 use crate::arm::ArmVector;
 use crate::proximity::{NearPair, PROXIMITY_M};
 use messages::JOINTS_MAX;
-use nalgebra::{Matrix2, Rotation3, UnitQuaternion, Vector2};
-use robot::{Arm, Model, TwoAxes};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use robot::{Arm, Model, POINTING_JOINTS, PointingJoints};
 
-/// Joints of a wrist.
-pub(crate) const WRIST_JOINTS: usize = 2;
-/// Index of the first wrist joint within an arm.
-pub(crate) const WRIST_FIRST: usize = 5;
+/// Most joints of a wrist. Where it has fewer, the rest stays at zero.
+pub(crate) const WRIST_JOINTS: usize = POINTING_JOINTS;
+/// Slot of the first wrist joint within an arm.
+const WRIST_FIRST: usize = LIMB_JOINTS;
 
 /// Weight r_h of the home position, 1/rad^2. A pair that is 1 mm inside the range at one node bends the wrist by 0.1 rad.
 const HOME_WEIGHT: f64 = 0.003;
@@ -56,14 +57,12 @@ const INSET_RAD: f64 = 3e-3;
 /// Constant data of one wrist.
 #[derive(Clone, Debug)]
 pub(crate) struct Wrist {
-    /// Index of joint 6.
-    first: usize,
     arm: Arm,
-    axes: TwoAxes,
-    home: Vector2<f64>,
-    q_min: Vector2<f64>,
-    q_max: Vector2<f64>,
-    v_max: Vector2<f64>,
+    axes: PointingJoints,
+    home: Vector3<f64>,
+    q_min: Vector3<f64>,
+    q_max: Vector3<f64>,
+    v_max: Vector3<f64>,
 }
 
 /// Returns the range R, m. `follows_hand`: the person's hand is known. `touching`: the hand may touch something.
@@ -85,9 +84,9 @@ pub(crate) struct WristTarget {
     /// Positions before the last step, rad.
     before: [f64; WRIST_JOINTS],
     /// Half of the gradient of the pairs' cost so far.
-    gradient: Vector2<f64>,
+    gradient: Vector3<f64>,
     /// Half of its Hessian so far.
-    hessian: Matrix2<f64>,
+    hessian: Matrix3<f64>,
 }
 
 impl WristTarget {
@@ -102,7 +101,7 @@ impl WristTarget {
         if pair.distance_m >= range_m {
             return;
         }
-        let slope = Vector2::new(pair.slope[WRIST_FIRST], pair.slope[WRIST_FIRST + 1]) / range_m;
+        let slope = Vector3::from_fn(|i, _| pair.slope[WRIST_FIRST + i]) / range_m;
         self.gradient -= slope * ((range_m - pair.distance_m) / range_m);
         self.hessian += slope * slope.transpose();
     }
@@ -112,7 +111,7 @@ impl WristTarget {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct SpeedFit {
     /// Sum of t_i (h_i - w), rad s.
-    moments: Vector2<f64>,
+    moments: Vector3<f64>,
     /// Sum of t_i^2, s^2.
     squares: f64,
 }
@@ -120,13 +119,13 @@ pub(crate) struct SpeedFit {
 impl SpeedFit {
     /// Adds the wanted positions h_i (rad) at the time t_i = `in_s`.
     pub(crate) fn add(&mut self, target: &WristTarget, in_s: f64, wanted: [f64; WRIST_JOINTS]) {
-        self.moments += (Vector2::from(wanted) - Vector2::from(target.q)) * in_s;
+        self.moments += (Vector3::from(wanted) - Vector3::from(target.q)) * in_s;
         self.squares += in_s * in_s;
     }
 
     /// Returns the fitted speed, rad/s. Zero without a node ahead.
-    pub(crate) fn speed(&self) -> Vector2<f64> {
-        if self.squares > 0.0 { self.moments / self.squares } else { Vector2::zeros() }
+    pub(crate) fn speed(&self) -> Vector3<f64> {
+        if self.squares > 0.0 { self.moments / self.squares } else { Vector3::zeros() }
     }
 }
 
@@ -134,54 +133,64 @@ impl Wrist {
     /// Creates the wrist of the left (0) or the right arm (1). `v_max`: allowed speeds of all joints, rad/s.
     pub(crate) fn new(model: &Model, side: usize, v_max: &[f64; JOINTS_MAX]) -> Self {
         let arm = model.arms[side];
-        let first = arm.joints[WRIST_FIRST];
-        let both = |value: &dyn Fn(usize) -> f64| Vector2::from_fn(|i, _| value(first + i));
+        let axes = model.wrists[side];
+        let each = |value: &dyn Fn(usize) -> f64| Vector3::from_fn(|i, _| axes.joints[i].map_or(0.0, value));
         Self {
-            first,
             arm,
-            axes: model.wrists[side],
-            home: both(&|j| model.home[j]),
-            q_min: both(&|j| model.limits[j].q_min + INSET_RAD),
-            q_max: both(&|j| model.limits[j].q_max - INSET_RAD),
-            v_max: both(&|j| v_max[j]),
+            axes,
+            home: each(&|j| model.home[j]),
+            q_min: each(&|j| model.limits[j].q_min + INSET_RAD),
+            q_max: each(&|j| model.limits[j].q_max - INSET_RAD),
+            v_max: each(&|j| v_max[j]),
         }
     }
 
-    /// Returns the positions that turn the hand nearest to `hand`, in the torso frame, while the arm is at `q`, rad.
-    pub(crate) fn pointing(&self, q: &ArmVector, hand: &UnitQuaternion<f64>) -> [f64; WRIST_JOINTS] {
+    /// Returns the positions that turn the hand nearest to `hand`, in the torso frame, while the arm is at `q` and the wrist at
+    /// `from`, rad.
+    pub(crate) fn pointing(
+        &self,
+        q: &ArmVector,
+        hand: &UnitQuaternion<f64>,
+        from: [f64; WRIST_JOINTS],
+    ) -> [f64; WRIST_JOINTS] {
         let (_, fore) = self.arm.limb_rotations(&(*q).into());
         let fore = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(fore));
-        self.axes.nearest(&(fore.inverse() * hand))
+        self.axes.nearest(&(fore.inverse() * hand), from)
+    }
+
+    /// The joints, and their places in the wrist.
+    pub(crate) fn joints(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+        self.axes.joints.into_iter().enumerate().filter_map(|(i, joint)| Some((i, joint?)))
     }
 
     /// Returns the target that equals the wrist's commanded position.
     pub(crate) fn begin(&self, q: &[f64; JOINTS_MAX]) -> WristTarget {
-        let q = [q[self.first], q[self.first + 1]];
+        let q = self.axes.joints.map(|joint| joint.map_or(0.0, |joint| q[joint]));
         WristTarget { q, before: q, ..WristTarget::default() }
     }
 
     /// Takes the Gauss-Newton step after the last node, `period_s` after the previous step. It is at most `speed_scale` of the
     /// speed limits. `speed`: fitted speed of the person's hand, rad/s. Without it the wrist returns home.
-    pub(crate) fn step(&self, target: &mut WristTarget, speed: Option<Vector2<f64>>, speed_scale: f64, period_s: f64) {
+    pub(crate) fn step(&self, target: &mut WristTarget, speed: Option<Vector3<f64>>, speed_scale: f64, period_s: f64) {
         target.before = target.q;
         let (pull, weight) = match speed {
             Some(speed) => (speed * AHEAD_S, HAND_WEIGHT),
-            None => (self.home - Vector2::from(target.q), HOME_WEIGHT),
+            None => (self.home - Vector3::from(target.q), HOME_WEIGHT),
         };
         // Far from all pairs, the hand moves at the fitted speed. The nearer a pair, the larger the share of the whole step.
         let hand_share = (period_s / AHEAD_S * (1.0 + target.hessian.trace() / HAND_WEIGHT)).min(1.0);
         let share = if speed.is_some() { hand_share } else { 1.0 };
         let gradient = target.gradient - pull * weight;
         // Near a pair the step is damped, because the distance is not linear in w.
-        let hessian = target.hessian + Matrix2::identity() * (weight + DAMPING * target.hessian.trace());
-        let step = hessian.cholesky().map_or(Vector2::zeros(), |factor| -factor.solve(&gradient) * share);
+        let hessian = target.hessian + Matrix3::identity() * (weight + DAMPING * target.hessian.trace());
+        let step = hessian.cholesky().map_or(Vector3::zeros(), |factor| -factor.solve(&gradient) * share);
         let most = self.v_max * (speed_scale * period_s);
         for i in 0..WRIST_JOINTS {
             // `max` and `min` would turn NaN into a full step down. The wrist holds its position instead.
             let step = if step[i].is_nan() { 0.0 } else { step[i].max(-most[i]).min(most[i]) };
             target.q[i] = (target.q[i] + step).max(self.q_min[i]).min(self.q_max[i]);
         }
-        (target.gradient, target.hessian) = (Vector2::zeros(), Matrix2::zeros());
+        (target.gradient, target.hessian) = (Vector3::zeros(), Matrix3::zeros());
     }
 }
 
@@ -196,7 +205,7 @@ mod tests {
         let model = Model::from_text("toml", toml, "urdf", urdf).unwrap();
         let wrist = Wrist::new(&model, 0, &model.limits.map(|limits| limits.v_max));
         let begin = wrist.begin(&model.home);
-        let mut target = WristTarget { gradient: Vector2::repeat(f64::NAN), ..begin };
+        let mut target = WristTarget { gradient: Vector3::repeat(f64::NAN), ..begin };
         wrist.step(&mut target, None, 1.0, 0.01);
         assert_eq!(target.q, begin.q);
         // The next step discards the NaN and moves the wrist back home.

@@ -104,7 +104,7 @@ fn hand_is_that_of_the_robot_and_its_derivative_matches_central_differences() {
     let arm = Arm::from_model(&model, 0);
     let place = |q: &ArmVector| {
         let (mut all, mut frames) = (model.home, Frames::default());
-        (0..LIMB_JOINTS).for_each(|j| all[model.arms[0].joints[j]] = q[j]);
+        model.arms[0].set_limbs(&(*q).into(), &mut all);
         model.forward(&all, &mut frames);
         model.hand(&frames, 0)
     };
@@ -121,6 +121,35 @@ fn hand_is_that_of_the_robot_and_its_derivative_matches_central_differences() {
                 arm.hand(&q)
             });
             assert!((by_joint - (after - before) / (2.0 * STEP)).norm() < 1e-8, "joint {j}");
+        }
+    }
+}
+
+/// A limb that cannot roll is matched by its direction: the error is the angle between both bones, whatever the roll of the
+/// person, and the gradient of its square is that of differences.
+#[test]
+fn limb_without_roll_is_matched_by_its_direction() {
+    let (x, y, zero) = (Vector3::x(), Vector3::y(), Vector3::zeros());
+    let arm = Arm::new([Vector3::z(), x, zero, Vector3::z(), zero], [0.0; LIMB_JOINTS], [y * 0.3; LIMB_JOINTS]);
+    let mut rng = Pcg64::seed_from_u64(9);
+    for _ in 0..500 {
+        let mut random = || ArmVector::from_fn(|j, _| if j == 2 || j == 4 { 0.0 } else { rng.random_range(-2.0..2.0) });
+        let (q, other) = (random(), random());
+        let rolled = |limb: UnitQuaternion<f64>, by: f64| limb * UnitQuaternion::new(y * by);
+        let goal = arm.limbs(&other);
+        let person = Limbs { upper: rolled(goal.upper, 1.1), fore: rolled(goal.fore, -0.7) };
+        assert!(arm.angles(&other, &person).iter().all(|angle| angle.abs() < 1e-7));
+        let robot = arm.limbs(&q);
+        let bones = [(robot.upper, person.upper), (robot.fore, person.fore)].map(|(a, b)| (a * y).angle(&(b * y)));
+        let angles = arm.angles(&q, &person);
+        assert!((0..2).all(|limb| (angles[limb] - bones[limb]).abs() < 1e-7), "{angles:?} {bones:?}");
+        let half_square = |q: &ArmVector| arm.error(q, &person).rotation.iter().map(|x| x * x).sum::<f64>() / 2.0;
+        let error = arm.error(&q, &person);
+        for j in 0..LIMB_JOINTS {
+            let at = |by: f64| half_square(&ArmVector::from_fn(|i, _| q[i] + if i == j { by } else { 0.0 }));
+            let difference = (at(1e-6) - at(-1e-6)) / 2e-6;
+            let gradient: f64 = error.jacobian[j].iter().zip(&error.rotation).map(|(a, b)| a * b).sum();
+            assert!((difference - gradient).abs() < 1e-6 || bones.iter().any(|angle| *angle > 3.1), "joint {j}");
         }
     }
 }

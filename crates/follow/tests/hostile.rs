@@ -3,10 +3,12 @@
 use crate::support::{A_MAX, FIRST, FREE, Robot, Trajectory, V_MAX, arm, limb_trajectory, random_q};
 use follow::arm::{ArmVector, Limbs};
 use follow::{LIMB_JOINTS, NODES, Output, Weights};
-use messages::{ALL_JOINTS, ARM_JOINTS, TICK_HZ, TICK_S};
+use messages::{ALL_JOINTS, TICK_HZ, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
+/// TIAGo++: joints of an arm.
+const ARM_JOINTS: usize = 7;
 const LEFT: u32 = 0b1_1111 << FIRST[0];
 const RIGHT: u32 = 0b1_1111 << FIRST[1];
 

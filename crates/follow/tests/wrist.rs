@@ -43,7 +43,7 @@ fn person(q: [f64; LIMB_JOINTS]) -> [Limbs; 2] {
 fn hands(model: &Model, q: [f64; LIMB_JOINTS], wanted: &[f64; 4]) -> [[f32; 4]; 2] {
     [0, 1].map(|side| {
         let (_, fore) = model.arms[side].limb_rotations(&q);
-        let hand = fore * model.wrists[side].rotation([wanted[2 * side], wanted[2 * side + 1]]);
+        let hand = fore * model.wrists[side].rotation([wanted[2 * side], wanted[2 * side + 1], 0.0]);
         let hand = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(hand));
         hand.coords.data.0[0].map(|x| x as f32)
     })

@@ -6,8 +6,8 @@ use core::fmt;
 /// Largest number of commanded joints that a message can carry. Arrays of joints have this length: beyond the
 /// robot's own number, every element is zero.
 pub const JOINTS_MAX: usize = 24;
-/// Joints of one arm.
-pub const ARM_JOINTS: usize = 7;
+/// Largest number of joints of one arm: three turn the upper arm, two the forearm, three the hand.
+pub const ARM_JOINTS: usize = 8;
 /// A valid mask with every joint of every robot set. Bits beyond a robot's own joints mean nothing.
 pub const ALL_JOINTS: u32 = (1 << JOINTS_MAX) - 1;
 

@@ -111,6 +111,8 @@ pub struct Body {
     /// Payloads of the left and the right hand in the robot file: mass (kg), and place in the frame of the arm's
     /// last body (m). They are not in `inertias`.
     pub payloads: [Option<(f64, Vector3<f64>)>; 2],
+    /// The last body of the left and of the right arm.
+    pub hands: [usize; 2],
     links: Vec<LinkPlace>,
 }
 
@@ -165,6 +167,7 @@ impl Body {
             d_min_m: file.d_min_m(toml_name)?,
             home,
             payloads: file.payloads(toml_name)?.map(|row| row.map(|(mass_kg, at)| (mass_kg, at.into()))),
+            hands: [names.len() - file.right_joints(), names.len()],
             links,
         };
         body.lump(&urdf);

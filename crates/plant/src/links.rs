@@ -5,7 +5,7 @@ use crate::dynamics::Dynamics;
 use crate::error::PlantError;
 use crate::kinematics::Frames;
 use crate::motor::Motor;
-use messages::{ARM_JOINTS, JOINTS_MAX};
+use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 
 /// Name of the options in errors.
@@ -43,9 +43,7 @@ impl Links {
 
     pub(crate) fn new(mut body: Body, hands_kg: [Option<f64>; 2]) -> Result<Self, PlantError> {
         let mut loads = Vec::new();
-        let count = body.joints.len();
-        // The arms come last, and body 1 + j moves with joint j.
-        for (side, last) in [count - ARM_JOINTS, count].into_iter().enumerate() {
+        for (side, last) in body.hands.into_iter().enumerate() {
             let in_file_kg = body.payloads[side].map_or(0.0, |(mass_kg, _)| mass_kg);
             let mass_kg = mass(["hands_kg left", "hands_kg right"][side], hands_kg[side].unwrap_or(in_file_kg))?;
             if mass_kg > 0.0 {

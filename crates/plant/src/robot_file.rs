@@ -159,6 +159,11 @@ impl RobotFile {
         self.arms.left.joints.iter().chain(&self.arms.right.joints)
     }
 
+    /// Number of joints of the right arm, which come last.
+    pub(crate) fn right_joints(&self) -> usize {
+        self.arms.right.joints.len()
+    }
+
     /// Writes the limits that the file supplies into a joint. One that turns without end gets its range.
     pub(crate) fn supply(&self, joint: &mut RawJoint) {
         let Some(row) = self.supply.get(&joint.name) else { return };

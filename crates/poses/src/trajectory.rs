@@ -9,10 +9,10 @@ use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, oracle, refine};
 use robot::Model;
 use std::path::Path;
 
-/// Joint positions 1 to 5 of both arms at a constant rate.
+/// Positions of the joints that turn both arms' limbs, at a constant rate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
-    /// Names of the joints, left arm and right arm.
+    /// Names of the joints by slot, left arm and right arm. Empty for an empty slot.
     pub joint_names: [[String; ARM_Q]; ARMS],
     /// Rows per second.
     pub rate_hz: f64,
@@ -21,9 +21,10 @@ pub struct Trajectory {
     pub q: Vec<[ArmQ; ARMS]>,
 }
 
-/// Names of joints 1 to 5 of both arms.
+/// Names of the joints that turn both arms' limbs, by slot.
 pub fn joint_names(model: &Model) -> [[String; ARM_Q]; ARMS] {
-    std::array::from_fn(|arm| std::array::from_fn(|j| model.joint_names[model.arms[arm].joints[j]].clone()))
+    let name = |slot: Option<usize>| slot.map_or_else(String::new, |joint| model.joint_names[joint].clone());
+    std::array::from_fn(|arm| std::array::from_fn(|j| name(model.arms[arm].slots[j])))
 }
 
 /// Weight of |q - previous|^2 in the continuation, 1/rad^2, and the S_GR that it may cost: 1e-6 is 0.1 degrees.
@@ -44,8 +45,7 @@ pub fn ground_truth_touching(model: &Model, motion: &Motion, weight: f64) -> Tra
     let correction = Correction { robot: Proportions::from_model(model), weight };
     let mut memory = Memory::default();
     let calibration = motion::calibrate(motion, CalibrationMode::Rig);
-    let home =
-        |side: usize| std::array::from_fn(|j| model.arms[side].signs[j] * model.home[model.arms[side].joints[j]]);
+    let home = |side: usize| model.arms[side].mirrored(&model.arms[side].limb_values(&model.home));
     let mut previous: [ArmQ; ARMS] = std::array::from_fn(home);
     let limbs = motion::limbs(motion, &calibration);
     let people =
@@ -110,9 +110,11 @@ fn parse_csv(text: &str, model: &Model) -> Result<Trajectory, (usize, String)> {
     let header: Vec<&str> = header.trim_start_matches('\u{feff}').split(',').map(str::trim).collect();
     let column = |name: &str| header.iter().position(|&column| column == name);
     let time = column("time_s").or(column("t_s")).ok_or((line, "has no column time_s".to_owned()))?;
-    let mut columns = [[0; ARM_Q]; ARMS];
-    for (name, column_of) in names.iter().flatten().zip(columns.iter_mut().flatten()) {
-        *column_of = column(name).ok_or((line, format!("has no column {name}")))?;
+    let mut columns = [[None; ARM_Q]; ARMS];
+    for (name, column_of) in
+        names.iter().flatten().zip(columns.iter_mut().flatten()).filter(|(name, _)| !name.is_empty())
+    {
+        *column_of = Some(column(name).ok_or((line, format!("has no column {name}")))?);
     }
     let mut rows: Vec<Row> = Vec::new();
     for (line, text) in lines {
@@ -143,7 +145,7 @@ fn parse_csv(text: &str, model: &Model) -> Result<Trajectory, (usize, String)> {
     Ok(Trajectory { joint_names: names, rate_hz: RATE_RESAMPLED_HZ, q })
 }
 
-fn parse_row(text: &str, time: usize, columns: &[[usize; ARM_Q]; ARMS], width: usize) -> Result<Row, String> {
+fn parse_row(text: &str, time: usize, columns: &[[Option<usize>; ARM_Q]; ARMS], width: usize) -> Result<Row, String> {
     let cells: Vec<&str> = text.split(',').map(str::trim).collect();
     if cells.len() != width {
         return Err(format!("has {} columns, the header {width}", cells.len()));
@@ -153,8 +155,8 @@ fn parse_row(text: &str, time: usize, columns: &[[usize; ARM_Q]; ARMS], width: u
         value.ok_or_else(|| format!("column {}: {:?} is not a number", column + 1, cells[column]))
     };
     let mut q = [[0.0; ARM_Q]; ARMS];
-    for (q, &column) in q.iter_mut().flatten().zip(columns.iter().flatten()) {
-        *q = number(column)?;
+    for (q, column) in q.iter_mut().flatten().zip(columns.iter().flatten()) {
+        *q = column.map_or(Ok(0.0), number)?;
     }
     Ok((number(time)?, q))
 }
@@ -164,7 +166,7 @@ fn check_row((time_s, q): &Row, before: Option<&Row>, model: &Model) -> Result<(
         return Err(format!("time_s {time_s} is not after {earlier}"));
     }
     for (q, arm) in q.iter().zip(&model.arms) {
-        for (q, &joint) in q.iter().zip(&arm.joints) {
+        for (q, joint) in q.iter().zip(arm.slots).filter_map(|(q, slot)| Some((q, slot?))) {
             let (low, high) = (model.limits[joint].q_min, model.limits[joint].q_max);
             if !(low - LIMIT_TOLERANCE_RAD..=high + LIMIT_TOLERANCE_RAD).contains(q) {
                 return Err(format!("{} = {q} is outside [{low}, {high}]", model.joint_names[joint]));

@@ -34,7 +34,7 @@ fn limbs(pose: &str) -> [Limbs; ARMS] {
 fn posture(model: &Model, q: &[ArmQ; ARMS]) -> [f64; messages::JOINTS_MAX] {
     let mut all = model.home;
     for (q, arm) in q.iter().zip(&model.arms) {
-        q.iter().zip(&arm.joints).for_each(|(q, &joint)| all[joint] = *q);
+        arm.set_limbs(q, &mut all);
     }
     all
 }

@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ};
-use crate::refine::distance;
+use crate::refine::{PRIOR_WEIGHT, distance, refine};
 use robot::Limbs;
 
 /// Below this sine of the angle between upper arm axis and first joint axis, the split between joints 1 and 3 is
@@ -15,12 +15,22 @@ const GIMBAL_SINE: f64 = 1e-4;
 /// the one nearer to the previous posture is taken.
 const EQUAL_S_GR: f64 = 7.6e-7;
 
+/// Postures from which an arm without a closed form is searched.
+const SPREAD_STARTS: u32 = 16;
+/// Steps of each search.
+const SEARCH_STEPS: u32 = 8;
+/// Weight of the distance from the previous posture in a search, as a share of the refinement's. Joints that matter little stay.
+const SEARCH_PRIOR: f64 = 0.01;
+
 /// Closed-form joint positions of one arm, rad, within the limits. The shoulder is a product of three rotations
 /// about axes that are orthogonal in sequence, so it has two branches. The elbow is the best product of two, given
 /// the clamped shoulder. The branch with the smaller S_GR after clamping is taken. If both are equally good, it is
 /// the one nearer to `previous`. At the gimbal the arm is parallel to the first axis. There joint 1 keeps its
-/// `previous` value, and joint 3 takes the rest.
+/// `previous` value, and joint 3 takes the rest. An arm without this form is searched; see [`ArmModel::has_closed_form`].
 pub fn closed_form(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
+    if !arm.has_closed_form {
+        return searched(arm, human, previous);
+    }
     let mut best = branch(arm, human, previous, 1.0);
     let other = branch(arm, human, previous, -1.0);
     let (s_best, s_other) = (arm.s_gr(&best, human), arm.s_gr(&other, human));
@@ -29,6 +39,23 @@ pub fn closed_form(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
         best = other;
     }
     best
+}
+
+/// The best of short refinements from `previous` and from postures that are spread over the ranges. Of those that are equally
+/// good, it is the one nearest to `previous`.
+fn searched(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
+    // Each bit puts one of the first four joints at a quarter or at three quarters of its range.
+    let (mid, half) = (arm.mid(), arm.half());
+    let spread = (0..SPREAD_STARTS).map(|bits: u32| {
+        std::array::from_fn(|j| mid[j] + half[j] * [-0.5, 0.5, 0.0][if j < 4 { (bits >> j & 1) as usize } else { 2 }])
+    });
+    let end = |start: ArmQ| refine(arm, human, &start, previous, PRIOR_WEIGHT * SEARCH_PRIOR, SEARCH_STEPS);
+    let best = spread.map(end).fold(end(*previous), |best, next| {
+        let nearer = distance(&next.q, previous) < distance(&best.q, previous);
+        let equal = (next.s_gr - best.s_gr).abs() <= EQUAL_S_GR;
+        if (equal && nearer) || (!equal && next.s_gr < best.s_gr) { next } else { best }
+    });
+    best.q
 }
 
 /// Solves one branch of [`closed_form`]: that on one side of the gimbal (`sign` 1 or -1 of the second joint's offset from

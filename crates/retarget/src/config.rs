@@ -1,7 +1,7 @@
 //! Configuration of the stage: the robot's arms, and the settings of the user.
 
 use messages::{JOINTS_MAX, RobotId};
-use robot::TwoAxes;
+use robot::PointingJoints;
 use serde::{Deserialize, Serialize};
 
 use crate::arm::{ARM_Q, ARMS, ArmModel, ArmQ};
@@ -90,20 +90,20 @@ pub enum ConfigError {
 pub struct RobotArms {
     /// Identity and model of the left arm. The right arm is its mirror.
     pub identity: ArmIdentity,
-    /// Velocity limits of joints 1 to 5, rad/s.
+    /// Velocity limits of the joints that turn the limbs, rad/s.
     pub velocity_max: ArmQ,
     /// Home posture of all joints. The target shows it for a joint that is not valid.
     pub home: [f64; JOINTS_MAX],
     /// Number and order of the robot's joints.
     pub robot: RobotId,
-    /// Indices of joints 1 to 5 of the left and the right arm.
-    pub joints: [[usize; ARM_Q]; ARMS],
+    /// Indices of the joints that turn the limbs of the left and the right arm, by slot.
+    pub joints: [[Option<usize>; ARM_Q]; ARMS],
     /// Signs of these joints: q = sign * q of the left arm in the mirrored posture.
     pub signs: [ArmQ; ARMS],
-    /// Joints 6 and 7 of the left and the right arm.
-    pub wrists: [TwoAxes; ARMS],
+    /// The joints that turn the left and the right hand.
+    pub wrists: [PointingJoints; ARMS],
     /// The joints that turn the head, if there are any.
-    pub head: Option<TwoAxes>,
+    pub head: Option<PointingJoints>,
     /// The joint that lifts the torso, if there is one.
     pub lift: Option<Lift>,
     /// Its proportions.
@@ -117,10 +117,10 @@ pub struct Config {
     pub(crate) velocity_max: ArmQ,
     pub(crate) home: [f64; JOINTS_MAX],
     pub(crate) robot: RobotId,
-    pub(crate) joints: [[usize; ARM_Q]; ARMS],
+    pub(crate) joints: [[Option<usize>; ARM_Q]; ARMS],
     pub(crate) signs: [ArmQ; ARMS],
-    pub(crate) wrists: [TwoAxes; ARMS],
-    pub(crate) head: Option<TwoAxes>,
+    pub(crate) wrists: [PointingJoints; ARMS],
+    pub(crate) head: Option<PointingJoints>,
     pub(crate) prediction: Option<Prediction>,
     pub(crate) delay_ns: u64,
     pub(crate) follows: [bool; ARMS],

@@ -42,7 +42,7 @@ use crate::surface::{ArmSurfaces, Surface, on_side};
 use messages::{SMPL_JOINTS, Smpl};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use robot::Limbs;
-use robot::{TwoAxes, segment_distance};
+use robot::{PointingJoints, segment_distance};
 
 /// Length of the stretched arm of the adult to whom every person is scaled, m. Stature of 1.75 m (Winter, Biomechanics, 4th ed.,
 /// fig. 4.1: 0.186 + 0.146 + 0.054 of it). All lengths of a person below belong to this adult.
@@ -105,7 +105,7 @@ pub struct Proportions {
     /// The left arm. The right one is its mirror.
     pub chain: KinematicChain,
     /// The joints of its wrist.
-    pub wrist: TwoAxes,
+    pub wrist: PointingJoints,
     /// Origin of its first joint at the reference posture, from the middle between the shoulders, m.
     pub wrist_at: Vector3<f64>,
     /// The head. `None` without one.
@@ -125,7 +125,7 @@ pub struct Proportions {
 impl Proportions {
     /// Returns the rotation of the left hand against its forearm when the wrist points it as the person's hand.
     fn bend(&self, fore: &UnitQuaternion<f64>, hand: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
-        let bend = self.wrist.rotation(self.wrist.nearest(&(fore.inverse() * hand)));
+        let bend = self.wrist.rotation(self.wrist.nearest(&(fore.inverse() * hand), self.wrist.home));
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(bend))
     }
 

@@ -1,10 +1,9 @@
 //! Conversion of a robot model for the retargeting.
 
-use messages::ARM_JOINTS;
 use nalgebra::Vector3;
 use robot::{Frames, Model, segment_distance};
 
-use crate::arm::{ARM_Q, ArmModel, ArmQ};
+use crate::arm::{ARM_Q, ArmModel};
 use crate::config::{Config, ConfigError, RobotArms, Settings};
 use crate::contact::{Part, Proportions};
 use crate::height::Lift;
@@ -28,9 +27,7 @@ impl ArmModel {
     /// Takes the left arm of `model`. The right arm is its mirror up to signs, which the model has derived.
     pub fn from_model(model: &Model) -> Self {
         let arm = &model.arms[0];
-        let limit = |bound: fn(&robot::JointLimits) -> f64| -> ArmQ {
-            std::array::from_fn(|j| bound(&model.limits[arm.joints[j]]))
-        };
+        let limit = |bound: fn(&robot::JointLimits) -> f64| arm.limb_values(&model.limits.each_ref().map(bound));
         Self::new(arm.axes, arm.reference, limit(|limits| limits.q_min), limit(|limits| limits.q_max))
     }
 }
@@ -41,21 +38,27 @@ impl Proportions {
         let arm = &model.arms[0];
         let mut frames = Frames::default();
         model.forward(&model.t_pose(), &mut frames);
-        let shoulder = |side: usize| frames.base_from_body[model.arms[side].joints[1] + 1].t;
+        let shoulder = |side: usize| frames.base_from_body[model.arms[side].range().start + 2].t;
         let middle = (shoulder(0) + shoulder(1)) / 2.0;
         let torso_from_base = model.base_from_torso(&frames).transpose();
         let own = |at: Vector3<f64>| torso_from_base * (at - middle);
-        let joints: [_; ARM_Q] = std::array::from_fn(|j| own(frames.base_from_body[arm.joints[j] + 1].t));
         let hand = own(model.hand(&frames, 0));
+        // An empty slot lies where the next joint does, so that no link hangs on it.
+        let mut next = hand;
+        let mut joints = [next; ARM_Q];
+        for slot in (0..ARM_Q).rev() {
+            next = arm.slots[slot].map_or(next, |joint| own(frames.base_from_body[joint + 1].t));
+            joints[slot] = next;
+        }
         let reach_m = (joints[3] - joints[1]).norm() + (hand - joints[3]).norm();
         let surface = |bodies: &[usize], center: Vector3<f64>| {
             let capsules = model.capsules.iter().filter(|capsule| bodies.contains(&capsule.body));
             Surface::new(capsules.map(|capsule| (capsule.ends(&frames).map(|end| own(end) - center), capsule.radius_m)))
         };
         let wrist = model.wrists[0];
-        let wrist_at = own(frames.base_from_body[wrist.joints[0] + 1].t);
+        let wrist_at = wrist.joints[0].map_or(hand, |joint| own(frames.base_from_body[joint + 1].t));
         let head = model.head.as_ref().and_then(|head| {
-            let body = head.joints[1] + 1;
+            let body = head.joints[1]? + 1;
             let middles = model.capsules.iter().filter(|capsule| capsule.body == body);
             let middles = middles.map(|capsule| (capsule.a + capsule.b) / 2.0);
             let (sum, count) = middles.fold((Vector3::zeros(), 0), |(sum, count), middle| (sum + middle, count + 1));
@@ -70,8 +73,8 @@ impl Proportions {
             wrist_at,
             head,
             reach_m,
-            hand: surface(&[arm.joints[ARM_JOINTS - 1] + 1], hand),
-            forearm: surface(&[arm.joints[3] + 1, arm.joints[4] + 1], wrist_at),
+            hand: surface(&[arm.hand_body()], hand),
+            forearm: surface(&Vec::from_iter(arm.slots[3..ARM_Q].iter().flatten().map(|joint| joint + 1)), wrist_at),
             chest_m,
             torso_m,
         }
@@ -107,7 +110,8 @@ impl ArmIdentity {
     /// capsule needs no new weights.
     pub fn from_model(model: &Model) -> Self {
         let arm = ArmModel::from_model(model);
-        let joints: [String; ARM_Q] = std::array::from_fn(|j| model.joint_names[model.arms[0].joints[j]].clone());
+        let name = |joint: Option<usize>| joint.map_or_else(String::new, |joint| model.joint_names[joint].clone());
+        let joints: [String; ARM_Q] = std::array::from_fn(|j| name(model.arms[0].slots[j]));
         let numbers = arm.axes.iter().flatten().chain(&arm.reference).chain(&arm.q_min).chain(&arm.q_max);
         let numbers = numbers.flat_map(|x| ((x / HASH_GRAIN).round() as i64).to_le_bytes());
         let names = joints.iter().flat_map(|name| name.bytes().chain([0]));
@@ -123,14 +127,13 @@ fn fnv(bytes: impl Iterator<Item = u8>) -> u64 {
 impl RobotArms {
     /// Takes the data of `model` that a tick needs.
     pub fn from_model(model: &Model) -> Self {
-        let joints = &model.arms[0].joints;
-        let velocity_max = std::array::from_fn(|j| model.limits[joints[j]].v_max);
+        let velocity_max = model.arms[0].limb_values(&model.limits.map(|limits| limits.v_max));
         Self {
             identity: ArmIdentity::from_model(model),
             velocity_max,
             home: model.home,
             robot: model.id(),
-            joints: model.arms.each_ref().map(|arm| std::array::from_fn(|j| arm.joints[j])),
+            joints: model.arms.each_ref().map(|arm| std::array::from_fn(|j| arm.slots[j])),
             signs: model.arms.each_ref().map(|arm| std::array::from_fn(|j| arm.signs[j])),
             wrists: model.wrists,
             head: model.head,

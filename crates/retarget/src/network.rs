@@ -74,8 +74,10 @@ impl Network {
 
     /// Q_r: encodes the postures of `N` arms, rad, to latents. The network's input is (q - mid) / half.
     pub fn encode_robot<const N: usize>(&self, q: &[ArmQ; N]) -> [Latent; N] {
-        let input: [[f32; ARM_Q]; N] =
-            std::array::from_fn(|n| std::array::from_fn(|j| ((q[n][j] - self.mid[j]) / self.half[j]) as f32));
+        // An empty slot has no range.
+        let normalised =
+            |j: usize, q: f64| if self.half[j] > 0.0 { ((q - self.mid[j]) / self.half[j]) as f32 } else { 0.0 };
+        let input: [[f32; ARM_Q]; N] = std::array::from_fn(|n| std::array::from_fn(|j| normalised(j, q[n][j])));
         self.robot.forward(&input)
     }
 

@@ -12,6 +12,8 @@ const STEPS: u32 = 40;
 /// Random starts, in addition to the four that are not random. More starts change the mean error by less than 0.01
 /// degrees.
 const RANDOM_STARTS: u32 = 6;
+/// The same for an arm without a closed form.
+const RANDOM_STARTS_ALONE: u32 = 30;
 const SEED: u64 = 7;
 
 /// Minimises S_GR of one arm within its limits. The starts are both branches of the closed form, `previous`, the
@@ -19,12 +21,13 @@ const SEED: u64 = 7;
 /// to `previous`. So a sequence does not wander where joints are degenerate.
 pub fn oracle(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> Refined {
     let end = |start: ArmQ| refine(arm, human, &start, &start, 0.0, STEPS);
-    let known = [branch(arm, human, previous, -1.0), arm.clamp(previous), arm.mid()];
+    let branches = [-1.0, 1.0].map(|sign| arm.has_closed_form.then(|| branch(arm, human, previous, sign)));
+    let known = [branches[0], Some(arm.clamp(previous)), Some(arm.mid())].into_iter().flatten();
     let mut draw = SplitMix(SEED);
-    let random = (0..RANDOM_STARTS)
+    let random = (0..if arm.has_closed_form { RANDOM_STARTS } else { RANDOM_STARTS_ALONE })
         .map(|_| std::array::from_fn(|j| arm.q_min[j] + draw.next_unit() * (arm.q_max[j] - arm.q_min[j])));
-    let first = end(branch(arm, human, previous, 1.0));
-    known.into_iter().chain(random).map(end).fold(first, |best, end| {
+    let first = end(branches[1].unwrap_or(*previous));
+    known.chain(random).map(end).fold(first, |best, end| {
         let equal = (end.s_gr - best.s_gr).abs() <= 1e-9;
         let nearer = distance(&end.q, previous) < distance(&best.q, previous);
         if if equal { nearer } else { end.s_gr < best.s_gr } { end } else { best }

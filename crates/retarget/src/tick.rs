@@ -4,9 +4,9 @@ use messages::{
     Fault, Faults, JointTarget, LIMBS, Layout, PersonChange, Skeleton, Stamp, TICK_S, TRAJECTORY_NODES, skeleton_flag,
     target_flag,
 };
-use robot::TwoAxes;
+use robot::{POINTING_JOINTS, PointingJoints};
 
-use crate::arm::{ARM_Q, ARMS, ArmQ, limb_error_deg};
+use crate::arm::{ARM_Q, ARMS, ArmQ};
 use crate::config::Config;
 use crate::contact::{Memory, PersonGeometry};
 use crate::height::crouch_m;
@@ -154,7 +154,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     point_hands(config, state, &shown, elapsed_s, &mut out.target);
     let head = state.blends[ARMS].next(head, elapsed_s);
     if let (Some(joints), Some(head)) = (&config.head, head) {
-        set(&mut out.target, joints, joints.nearest(&head));
+        set(&mut out.target, joints, joints.nearest(&head, joints.home));
     }
     if let (Some(lift), Some(q)) = (&config.lift, state.lift) {
         (out.target.q[lift.joint], out.target.valid_mask) = (q, out.target.valid_mask | 1 << lift.joint);
@@ -191,7 +191,7 @@ fn point_hands(
         let bend = state.blends[arm].next(hand.map(|hand| own(fore.inverse() * hand)), elapsed_s);
         target.human_hands[arm] = hand.map_or([0.0; 4], |hand| xyzw_from_rotation(&own(hand)));
         if let Some(bend) = bend {
-            set(target, joints, joints.nearest(&bend));
+            set(target, joints, joints.nearest(&bend, joints.home));
         }
         if shown[arm].is_some_and(|sample| sample.touching.is_some()) {
             target.flags |= target_flag::TOUCHING[arm];
@@ -203,9 +203,9 @@ fn point_hands(
     }
 }
 
-/// Sets two joints of a target.
-fn set(target: &mut JointTarget, joints: &TwoAxes, q: [f64; 2]) {
-    for (j, q) in joints.joints.into_iter().zip(q) {
+/// Sets the joints of a hand or a head in a target.
+fn set(target: &mut JointTarget, joints: &PointingJoints, q: [f64; POINTING_JOINTS]) {
+    for (j, q) in joints.with(q) {
         target.q[j] = q;
         target.valid_mask |= 1 << j;
     }
@@ -372,7 +372,7 @@ fn assemble(
         let (Some(sample), Some(q)) = (shown[arm], state.q[arm]) else {
             continue;
         };
-        for (j, joint) in config.joints[arm].into_iter().enumerate() {
+        for (j, joint) in config.joints[arm].into_iter().enumerate().filter_map(|(j, joint)| Some((j, joint?))) {
             // A right arm was solved as the left arm that mirrors it.
             target.q[joint] = config.signs[arm][j] * q[j];
             target.dq[joint] = config.signs[arm][j] * state.dq[arm][j];
@@ -380,7 +380,7 @@ fn assemble(
         }
         let limbs = [sample.limbs.upper, sample.limbs.fore].map(|limb| xyzw_from_rotation(&on_side(arm, &limb)));
         target.human_limbs[2 * arm..2 * arm + 2].copy_from_slice(&limbs);
-        let error = limb_error_deg(&config.solver.arm.forward(&q), &sample.limbs);
+        let error = config.solver.arm.limb_error_deg(&q, &sample.limbs);
         limb_error_rad[2 * arm..2 * arm + 2].copy_from_slice(&error.map(f64::to_radians));
     }
     target.header.origin = state.origin;

@@ -131,7 +131,7 @@ fn arms_apart_m(model: &robot::Model, q: &[f64; messages::JOINTS_MAX]) -> f64 {
     let mut frames = robot::Frames::default();
     model.forward(q, &mut frames);
     let of = |side: usize| {
-        let bodies: [usize; 2] = [3, 6].map(|j| model.arms[side].joints[j] + 1);
+        let bodies: [usize; 2] = [3, 6].map(|j| model.arms[side].range().start + j + 1);
         model.capsules.iter().filter(move |capsule| (bodies[0]..=bodies[1]).contains(&capsule.body))
     };
     let gaps = of(0).flat_map(|left| of(1).map(move |right| (left, right))).map(|(left, right)| {
@@ -162,14 +162,14 @@ fn forearms_of_crossed_arms_stay_apart_with_the_left_one_on_the_persons_side() {
         let mut q = model.home;
         for (arm, posture) in model.arms.iter().zip(memory.postures()) {
             let own = arm.mirrored(&posture.expect("a hand that touches").0);
-            arm.joints.iter().zip(own).for_each(|(&joint, at)| q[joint] = at);
+            arm.set_limbs(&own, &mut q);
         }
         q
     };
     let q = posture(&geometry);
     let mut frames = robot::Frames::default();
     model.forward(&q, &mut frames);
-    let [left, right] = [0, 1].map(|side| frames.base_from_body[model.arms[side].joints[6] + 1].t);
+    let [left, right] = [0, 1].map(|side| frames.base_from_body[model.arms[side].hand_body()].t);
     let apart_m = arms_apart_m(&model, &q);
     assert!(apart_m > 0.02, "{apart_m} m apart");
     assert!(left.z > right.z + 0.05, "the left hand is at {left}, the right one at {right}");
@@ -410,9 +410,9 @@ fn chain_ends_where_the_robots_kinematics_have_the_hand() {
         for shift in [0.0, 0.2, -0.3] {
             let left: [f64; ARM_Q] = std::array::from_fn(|j| arm.mid()[j] + shift * arm.half()[j]);
             let mut q = model.home;
-            model.arms[0].joints.iter().zip(left).for_each(|(&joint, at)| q[joint] = at);
+            model.arms[0].set_limbs(&left, &mut q);
             model.forward(&q, &mut frames);
-            let body = |joint: usize| frames.base_from_body[model.arms[0].joints[joint] + 1];
+            let body = |joint: usize| frames.base_from_body[model.arms[0].range().start + joint + 1];
             let torso = frames.base_from_body[model.torso_body].r.transpose();
             let seen = torso * (model.hand(&frames, 0) - body(0).t);
             let chain = robot.chain.hand(&arm, &left) - robot.chain.joints[0];

@@ -206,3 +206,55 @@ fn features_are_bone_and_hinge_axes() {
     }
     assert_eq!(got[6..], [0.0, 1.0, 0.0, 0.0, 0.0, -1.0]);
 }
+
+/// A desk arm: neither limb can roll.
+fn desk_arm() -> ArmModel {
+    let zero = Vector3::zeros();
+    let axes = [Vector3::z(), Vector3::x(), zero, Vector3::z(), zero];
+    ArmModel::new(axes, [0.0; ARM_Q], [-1.5, -1.6, 0.0, -2.4, 0.0], [1.5, 1.6, 0.0, 0.3, 0.0])
+}
+
+#[test]
+fn limb_without_roll_is_matched_by_its_direction() {
+    let (arm, mut rng) = (desk_arm(), Pcg64::seed_from_u64(15));
+    assert_eq!((arm.rolls, arm.has_closed_form), ([false; 2], false));
+    for _ in 0..500 {
+        let (q, human) = (random_q_within(&mut rng, &arm), random_limbs(&mut rng));
+        let robot = arm.forward(&q);
+        let bones = [(robot.upper, human.upper), (robot.fore, human.fore)]
+            .map(|(a, b)| (a * Vector3::y()).angle(&(b * Vector3::y())).to_degrees());
+        let errors = arm.limb_error_deg(&q, &human);
+        assert!((0..2).all(|limb| (errors[limb] - bones[limb]).abs() < 1e-5), "{errors:?} {bones:?}");
+        let at = arm.linearize(&q, &human);
+        for j in 0..ARM_Q {
+            let shifted = |by: f64| arm.s_gr(&std::array::from_fn(|i| if i == j { q[i] + by } else { q[i] }), &human);
+            let difference = (shifted(1e-6) - shifted(-1e-6)) / 2e-6;
+            let gradient: f64 = at.jacobian[j].iter().zip(&at.residual).map(|(a, b)| 2.0 * a * b).sum();
+            assert!((difference - gradient).abs() < 1e-6 || bones.iter().any(|deg| *deg > 175.0), "joint {j}");
+        }
+    }
+}
+
+/// Three joints against four numbers of two directions: no posture of a grid is better than what the searches find.
+#[test]
+fn searches_of_an_arm_without_closed_form_find_the_best_posture() {
+    let (arm, mut rng) = (desk_arm(), Pcg64::seed_from_u64(16));
+    let at = |j: usize, n: u32| arm.q_min[j] + f64::from(n) / 40.0 * (arm.q_max[j] - arm.q_min[j]);
+    let (mut missed, count) = (0, 60);
+    for _ in 0..count {
+        let human = random_limbs(&mut rng);
+        let grid = (0..=40).flat_map(|a| (0..=40).flat_map(move |b| (0..=40).map(move |c| [a, b, c])));
+        let least = grid.map(|[a, b, c]| arm.s_gr(&[at(0, a), at(1, b), 0.0, at(3, c), 0.0], &human));
+        let least = least.fold(f64::INFINITY, f64::min);
+        let best = oracle(&arm, &human, &arm.mid());
+        assert!(best.s_gr <= least + 1e-9, "{} instead of {least}", best.s_gr);
+        assert!(best.q[2] == 0.0 && best.q[4] == 0.0, "an empty slot stays at zero");
+        let found = closed_form(&arm, &human, &arm.mid());
+        missed += u32::from(arm.s_gr(&found, &human) > least + 0.01);
+    }
+    assert!(missed <= count / 20, "{missed} of {count} searches ended elsewhere");
+}
+
+fn random_q_within(rng: &mut Pcg64, arm: &ArmModel) -> ArmQ {
+    std::array::from_fn(|j| rng.random_range(arm.q_min[j]..=arm.q_max[j]))
+}

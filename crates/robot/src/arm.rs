@@ -1,25 +1,34 @@
-//! An arm for the retargeting: five joints turn its two limbs.
+//! An arm for the retargeting: up to five joints turn its two limbs, and up to three its hand.
 
 use crate::error::RobotError;
 use crate::kinematics::Frames;
 use crate::limits::JointLimits;
 use crate::model::{BodyLink, Model};
+use crate::pointing::POINTING_JOINTS;
 use crate::pose::{Pose, rotation};
 use messages::{ARM_JOINTS, JOINTS_MAX};
 use nalgebra::{Matrix3, Vector3};
+use std::fmt;
 use std::ops::Range;
 
-/// Number of joints of an arm that turn its two limbs.
+/// Slots of the joints that turn an arm's two limbs.
 pub(crate) const LIMB_JOINTS: usize = 5;
+/// Slots of the joints that turn the upper arm.
+pub(crate) const UPPER_JOINTS: usize = 3;
 /// Largest difference between mirrored axes, and largest cosine between neighbouring axes that the retargeting takes for
 /// orthogonal. Makers write four to six digits. This much costs 0.06 degrees of a limb.
 const AXIS_TOLERANCE: f64 = 1e-3;
+/// Largest cosine between the axes of neighbouring joints of one limb: an angle of 18 degrees. Assumption.
+const COSINE_MAX: f64 = 0.95;
 /// Largest difference between the ends of two mirrored ranges, rad. The narrower range serves both arms.
 const RANGE_TOLERANCE_RAD: f64 = 0.02;
 /// The same for speed, acceleration and jerk, as a share.
 const SHARE_TOLERANCE: f64 = 1e-3;
 
-/// One arm.
+/// One arm of four to eight joints.
+///
+/// Its joints stand in eight slots: three for the upper arm, two for the forearm, three for the hand. A slot beyond the joints
+/// that the arm has there is empty. Its axis, its position and its limits are zero, so it turns nothing.
 ///
 /// The rotations of its limbs are in the torso frame (x forward, y left, z up). They are differences from the
 /// reference posture (the T-pose). Rot(n, w) is the rotation by w about n. Then the rotations are
@@ -27,26 +36,63 @@ const SHARE_TOLERANCE: f64 = 1e-3;
 /// F(q) = U(q) Rot(axes 4, q4 - ref4) Rot(axes 5, q5 - ref5) of the forearm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arm {
-    /// Indices of its joints in the order of messages. They follow one another.
-    pub joints: [usize; ARM_JOINTS],
-    /// For each joint: q = sign * q of the same joint of the left arm in the mirrored posture. All 1 for the left
-    /// arm. The signs of joints 6 and 7 are 1 where these two do not mirror.
+    /// Index of the joint in each slot, in the order of messages. They follow one another.
+    pub slots: [Option<usize>; ARM_JOINTS],
+    /// For each slot: q = sign * q of the same joint of the left arm in the mirrored posture. All 1 for the left
+    /// arm. The signs of the hand's joints are 1 where these do not mirror.
     pub signs: [f64; ARM_JOINTS],
-    /// Unit axis of joints 1 to 5 in the torso frame while the arm is at the reference posture.
+    /// Unit axis of the limbs' joints in the torso frame while the arm is at the reference posture.
     pub axes: [Vector3<f64>; LIMB_JOINTS],
-    /// Positions of joints 1 to 5 in the T-pose, rad.
+    /// Positions of the limbs' joints in the T-pose, rad.
     pub reference: [f64; LIMB_JOINTS],
-    /// Lower limits of joints 1 to 5 in force, rad.
+    /// Lower limits of the limbs' joints in force, rad.
     pub q_min: [f64; LIMB_JOINTS],
-    /// Upper limits of joints 1 to 5 in force, rad.
+    /// Upper limits of the limbs' joints in force, rad.
     pub q_max: [f64; LIMB_JOINTS],
+}
+
+/// Number of joints of an arm that turn its upper arm, its forearm and its hand.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(crate) struct ArmShape {
+    pub(crate) upper: usize,
+    pub(crate) fore: usize,
+    pub(crate) hand: usize,
+}
+
+impl fmt::Display for ArmShape {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} + {} + {}", self.upper, self.fore, self.hand)
+    }
+}
+
+impl ArmShape {
+    /// Most joints of each part.
+    pub(crate) const MOST: Self = Self { upper: UPPER_JOINTS, fore: LIMB_JOINTS - UPPER_JOINTS, hand: POINTING_JOINTS };
+
+    /// Number of joints.
+    pub(crate) fn joints(&self) -> usize {
+        self.upper + self.fore + self.hand
+    }
+
+    /// The slots of the joints in their order.
+    pub(crate) fn slots(&self) -> impl Iterator<Item = usize> + use<> {
+        let parts = [(0, self.upper), (UPPER_JOINTS, self.fore), (LIMB_JOINTS, self.hand)];
+        parts.into_iter().flat_map(|(first, count)| first..first + count)
+    }
+
+    /// The values of the limbs' joints, in their slots.
+    pub(crate) fn in_slots(&self, values: &[f64]) -> [f64; LIMB_JOINTS] {
+        let mut out = [0.0; LIMB_JOINTS];
+        self.slots().zip(values).for_each(|(slot, value)| out[slot] = *value);
+        out
+    }
 }
 
 impl Arm {
     /// A placeholder until the model is complete enough to derive the arm.
     pub(crate) fn blank() -> Self {
         Self {
-            joints: [0; ARM_JOINTS],
+            slots: [None; ARM_JOINTS],
             signs: [1.0; ARM_JOINTS],
             axes: Default::default(),
             reference: Default::default(),
@@ -55,18 +101,84 @@ impl Arm {
         }
     }
 
-    /// Range of its joints in the order of messages.
-    pub fn range(&self) -> Range<usize> {
-        self.joints[0]..self.joints[0] + ARM_JOINTS
+    /// The arm of this shape whose joints begin with `first`.
+    pub(crate) fn with_joints(first: usize, shape: &ArmShape) -> Self {
+        let mut arm = Self::blank();
+        shape.slots().zip(first..).for_each(|(slot, joint)| arm.slots[slot] = Some(joint));
+        arm
     }
 
-    /// Converts positions or velocities of joints 1 to 5 between this arm and the left arm that mirrors it. Its own
+    /// Its joints in the order of messages.
+    pub fn range(&self) -> Range<usize> {
+        let mut all = self.slots.into_iter().flatten();
+        let first = all.next().unwrap_or(0);
+        first..all.last().unwrap_or(first) + 1
+    }
+
+    /// The name of each part that joints turn, and the slots of these.
+    pub fn parts(&self) -> impl Iterator<Item = (&'static str, &[Option<usize>])> {
+        let (upper, rest) = self.slots.split_at(UPPER_JOINTS);
+        let (fore, hand) = rest.split_at(LIMB_JOINTS - UPPER_JOINTS);
+        let parts = [("upper arm", upper), ("forearm", fore), ("hand", hand)];
+        parts.into_iter().filter(|(_, slots)| slots.iter().any(Option::is_some))
+    }
+
+    /// The joints that turn the limbs.
+    pub fn limb_joints(&self) -> impl Iterator<Item = usize> + use<> {
+        let slots = self.slots;
+        slots.into_iter().take(LIMB_JOINTS).flatten()
+    }
+
+    /// The joints that turn the hand.
+    pub fn hand_joints(&self) -> [Option<usize>; POINTING_JOINTS] {
+        std::array::from_fn(|i| self.slots[LIMB_JOINTS + i])
+    }
+
+    /// The bodies of the upper arm and of the forearm.
+    pub fn limb_bodies(&self) -> [usize; 2] {
+        [0..UPPER_JOINTS, UPPER_JOINTS..LIMB_JOINTS]
+            .map(|part| 1 + self.slots[part].iter().flatten().last().map_or(0, |j| *j))
+    }
+
+    /// The body of the hand.
+    pub fn hand_body(&self) -> usize {
+        self.range().end
+    }
+
+    /// The joint of the elbow.
+    pub fn elbow(&self) -> usize {
+        self.slots[UPPER_JOINTS].unwrap_or(0)
+    }
+
+    /// True for a limb, upper arm and forearm, that can turn about its own length. The other one is matched by its
+    /// direction alone.
+    pub fn rolls(&self) -> [bool; 2] {
+        [self.slots[UPPER_JOINTS - 1].is_some(), self.slots[LIMB_JOINTS - 1].is_some()]
+    }
+
+    /// The signs of its joints, in the order of messages.
+    pub fn joint_signs(&self) -> impl Iterator<Item = f64> + use<> {
+        let arm = *self;
+        arm.slots.into_iter().zip(arm.signs).filter_map(|(slot, sign)| slot.map(|_| sign))
+    }
+
+    /// Positions or velocities of the limbs' joints in the slots, of those of all joints.
+    pub fn limb_values(&self, all: &[f64; JOINTS_MAX]) -> [f64; LIMB_JOINTS] {
+        std::array::from_fn(|i| self.slots[i].map_or(0.0, |joint| all[joint]))
+    }
+
+    /// Writes the values of the limbs' joints into those of all joints.
+    pub fn set_limbs(&self, values: &[f64; LIMB_JOINTS], all: &mut [f64; JOINTS_MAX]) {
+        self.slots.iter().zip(values).for_each(|(slot, value)| slot.iter().for_each(|joint| all[*joint] = *value));
+    }
+
+    /// Converts positions or velocities of the limbs' joints between this arm and the left arm that mirrors it. Its own
     /// inverse.
     pub fn mirrored(&self, q: &[f64; LIMB_JOINTS]) -> [f64; LIMB_JOINTS] {
         std::array::from_fn(|i| self.signs[i] * q[i])
     }
 
-    /// Rotations of the upper arm and of the forearm at the positions of joints 1 to 5, rad.
+    /// Rotations of the upper arm and of the forearm at the positions of the limbs' joints, rad.
     pub fn limb_rotations(&self, q: &[f64; LIMB_JOINTS]) -> (Matrix3<f64>, Matrix3<f64>) {
         let turn = |i: usize| rotation(&self.axes[i], q[i] - self.reference[i]);
         let upper = turn(0) * turn(1) * turn(2);
@@ -79,7 +191,7 @@ impl Model {
     pub fn t_pose(&self) -> [f64; JOINTS_MAX] {
         let mut q = self.home;
         for arm in &self.arms {
-            arm.joints.iter().zip(arm.reference).for_each(|(&joint, reference)| q[joint] = reference);
+            arm.set_limbs(&arm.reference, &mut q);
         }
         q
     }
@@ -92,7 +204,7 @@ impl Model {
     /// The links that a joint of an arm moves and that have no mass. Torques leave them out.
     pub fn massless_links(&self) -> Vec<&str> {
         let of_arm = |link: &&BodyLink| {
-            let mut joints = self.arms.iter().flat_map(|arm| arm.joints);
+            let mut joints = self.arms.iter().flat_map(Arm::range);
             joints.any(|j| j + 1 == link.body) && link.body_from_link == Pose::identity()
         };
         let light = self.links.iter().filter(of_arm).filter(|link| link.inertia.mass_kg <= 0.0);
@@ -103,27 +215,29 @@ impl Model {
     /// origin of the last joint if the robot's file names none.
     pub fn hand(&self, frames: &Frames, side: usize) -> Vector3<f64> {
         let center = self.payload[side].map_or_else(Vector3::zeros, |payload| payload.center);
-        frames.base_from_body[self.arms[side].joints[ARM_JOINTS - 1] + 1].transform_point(&center)
+        frames.base_from_body[self.arms[side].hand_body()].transform_point(&center)
     }
 
-    /// Derives the arm with these joints, whose T-pose is `reference`.
-    pub(crate) fn derive_arm(&self, joints: [usize; ARM_JOINTS], reference: [f64; LIMB_JOINTS]) -> Arm {
-        let axes = self.axes(joints, reference);
+    /// Derives the arm with the joints of `arm`, whose T-pose is `reference`.
+    pub(crate) fn derive_arm(&self, arm: &Arm, reference: [f64; LIMB_JOINTS]) -> Arm {
+        let axes = self.axes(&Arm { reference, ..*arm });
+        let limit =
+            |i: usize, bound: fn(&JointLimits) -> f64| arm.slots[i].map_or(0.0, |joint| bound(&self.limits[joint]));
         Arm {
-            joints,
+            slots: arm.slots,
             signs: [1.0; ARM_JOINTS],
             axes: std::array::from_fn(|i| axes[i]),
             reference,
-            q_min: std::array::from_fn(|i| self.limits[joints[i]].q_min),
-            q_max: std::array::from_fn(|i| self.limits[joints[i]].q_max),
+            q_min: std::array::from_fn(|i| limit(i, |limits| limits.q_min)),
+            q_max: std::array::from_fn(|i| limit(i, |limits| limits.q_max)),
         }
     }
 
-    /// Unit axes of all joints of an arm in the torso frame, at the reference posture and with a straight wrist.
-    fn axes(&self, joints: [usize; ARM_JOINTS], reference: [f64; LIMB_JOINTS]) -> [Vector3<f64>; ARM_JOINTS] {
+    /// Unit axes of all joints of an arm in the torso frame, at its reference posture and with a straight wrist.
+    fn axes(&self, arm: &Arm) -> [Vector3<f64>; ARM_JOINTS] {
         let mut q = [0.0; JOINTS_MAX];
-        (0..LIMB_JOINTS).for_each(|i| q[joints[i]] = reference[i]);
-        self.axes_at(&q, joints)
+        arm.set_limbs(&arm.reference, &mut q);
+        arm.slots.map(|slot| slot.map_or_else(Vector3::zeros, |joint| self.axes_at(&q, [joint])[0]))
     }
 
     /// Unit axes of these joints in the torso frame, with all joints at the positions `q`.
@@ -134,28 +248,22 @@ impl Model {
         joints.map(|j| (torso_from_base * frames.base_from_body[j + 1].r * self.joint_frames[j].axis).normalize())
     }
 
-    /// Checks that three orthogonal axes turn each upper arm and two more the forearm: the retargeting solves such
-    /// arms in closed form.
+    /// Checks that neighbouring axes of a limb are not parallel: two joints that turn the same limb about one line are one.
     pub(crate) fn check_shoulders(&self, file: &str) -> Result<(), RobotError> {
+        let mut errors = Vec::new();
         for arm in &self.arms {
             for (a, b) in [(0, 1), (1, 2), (3, 4)] {
+                let [Some(first), Some(second)] = [a, b].map(|slot| arm.slots[slot]) else { continue };
                 let cosine = arm.axes[a].dot(&arm.axes[b]).abs();
-                if !(cosine <= AXIS_TOLERANCE) {
-                    let name = |i: usize| &self.joint_names[arm.joints[i]];
-                    return Err(RobotError::Joint {
-                        file: file.into(),
-                        joint: name(b).clone(),
-                        key: format!("cosine between its axis and that of `{}`", name(a)),
-                        value: cosine,
-                        bound: format!(
-                            "at most {AXIS_TOLERANCE:e}: an arm must have three orthogonal axes in its shoulder, \
-                             and two at elbow and forearm"
-                        ),
-                    });
+                if !(cosine <= COSINE_MAX) {
+                    let (joint, file) = (self.joint_names[second].clone(), file.into());
+                    let key = format!("cosine between its axis and that of `{}`", self.joint_names[first]);
+                    let bound = format!("at most {COSINE_MAX}: both would turn the limb in the same way");
+                    errors.push(RobotError::Joint { file, joint, key, value: cosine, bound });
                 }
             }
         }
-        Ok(())
+        RobotError::all(errors)
     }
 
     /// Checks that the right arm is the mirror image of the left one, because one arm model serves both, and derives
@@ -164,10 +272,11 @@ impl Model {
     /// a text become the narrower ones, for both arms.
     pub(crate) fn mirror(&mut self, file: &str) -> Result<(), RobotError> {
         let [left, right] = self.arms;
-        let axes = [left, right].map(|arm| self.axes(arm.joints, arm.reference));
+        let axes = [left, right].map(|arm| self.axes(&arm));
         let (mut errors, mut reference) = (Vec::new(), right.reference);
         for (i, &n) in axes[0].iter().enumerate() {
-            let joint = self.joint_names[right.joints[i]].clone();
+            let [Some(l), Some(r)] = [left.slots[i], right.slots[i]] else { continue };
+            let joint = self.joint_names[r].clone();
             let mut refuse = |key: &str, value: f64, bound: String| {
                 let (file, joint, key) = (file.into(), joint.clone(), key.into());
                 errors.push(RobotError::Joint { file, joint, key, value, bound });
@@ -188,21 +297,21 @@ impl Model {
                 }
                 reference[i] = wanted;
             }
-            let (l, r) = (self.limits[left.joints[i]], self.limits[right.joints[i]]);
-            let image = mirrored(&l, sign);
-            for ((key, value, within), (_, bound, _)) in named_limits(&r).into_iter().zip(named_limits(&image)) {
+            let own = [l, r].map(|joint| self.limits[joint]);
+            let image = mirrored(&own[0], sign);
+            for ((key, value, within), (_, bound, _)) in named_limits(&own[1]).into_iter().zip(named_limits(&image)) {
                 if !((value - bound).abs() <= within) {
                     refuse(key, value, format!("must mirror the left arm's: {bound}"));
                 }
             }
-            let both = narrower(&r, &image);
-            self.limits[right.joints[i]] = JointLimits { effort_max: r.effort_max, ..both };
-            self.limits[left.joints[i]] = JointLimits { effort_max: l.effort_max, ..mirrored(&both, sign) };
+            let both = narrower(&own[1], &image);
+            self.limits[r] = JointLimits { effort_max: own[1].effort_max, ..both };
+            self.limits[l] = JointLimits { effort_max: own[0].effort_max, ..mirrored(&both, sign) };
         }
         RobotError::all(errors)?;
         let signs = self.arms[1].signs;
-        self.arms[0] = self.derive_arm(left.joints, left.reference);
-        self.arms[1] = Arm { signs, ..self.derive_arm(right.joints, reference) };
+        self.arms[0] = self.derive_arm(&left, left.reference);
+        self.arms[1] = Arm { signs, ..self.derive_arm(&right, reference) };
         Ok(())
     }
 
@@ -210,7 +319,7 @@ impl Model {
     pub(crate) fn check_sides(&self, file: &str) -> Result<(), RobotError> {
         let mut frames = Frames::default();
         self.forward(&self.t_pose(), &mut frames);
-        let [left, right] = [0, 1].map(|side| frames.base_from_body[self.arms[side].joints[ARM_JOINTS - 1] + 1].t);
+        let [left, right] = [0, 1].map(|side| frames.base_from_body[self.arms[side].hand_body()].t);
         let apart_m = (left - right).dot(&self.base_from_torso(&frames).column(1));
         if apart_m > 0.0 {
             return Ok(());

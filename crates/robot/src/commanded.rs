@@ -1,7 +1,8 @@
 //! The commanded joints in the URDF's tree: their order, the joints that are held, and the bodies between them.
 
+use crate::arm::ArmShape;
 use crate::error::RobotError;
-use crate::file::{ArmEntry, RobotFile};
+use crate::file::{ArmEntry, RobotFile, Sides};
 use crate::kinematics::JointFrame;
 use crate::model::{BodyLink, Source};
 use crate::pose::{Pose, rotation};
@@ -15,6 +16,9 @@ use urdf_rs::JointType;
 /// Bounds of the height of the base link above the floor. Legs and pedestals are shorter.
 const BASE_HEIGHT_M: RangeInclusive<f64> = 0.0..=3.0;
 
+/// Least number of joints of an arm: two that point the upper arm, the elbow, and one more.
+pub(crate) const ARM_JOINTS_MIN: usize = 4;
+
 /// Largest distance of a held follower from where its leader moves it, rad or m. It allows for rounding in the robot file.
 const FOLLOWS: f64 = 1e-3;
 
@@ -24,6 +28,8 @@ pub(crate) struct CommandedJoints {
     /// Index of each in the URDF.
     pub(crate) at: Vec<usize>,
     pub(crate) body_count: usize,
+    /// Number of joints of each arm.
+    pub(crate) arm_count: usize,
     pub(crate) prismatic: [bool; JOINTS_MAX],
     /// Positions of the movable joints that nothing commands, by their index in the URDF, rad or m.
     held: BTreeMap<usize, f64>,
@@ -32,7 +38,7 @@ pub(crate) struct CommandedJoints {
 impl CommandedJoints {
     /// First joint of the left or the right arm.
     pub(crate) fn arm_start(&self, side: usize) -> usize {
-        self.body_count + side * ARM_JOINTS
+        self.body_count + side * self.arm_count
     }
 }
 
@@ -49,6 +55,12 @@ impl Source<'_> {
         body.sort_by_key(|(depth, _)| *depth);
         let mut at: Vec<usize> = body.into_iter().map(|(_, at)| at).collect();
         let body_count = at.len();
+        let arm_count = file.arms.left.joints.len();
+        if file.arms.right.joints.len() != arm_count || !(ARM_JOINTS_MIN..=ARM_JOINTS).contains(&arm_count) {
+            let value = format!("{arm_count} and {} joints", file.arms.right.joints.len());
+            let bound = format!("must be {ARM_JOINTS_MIN} to {ARM_JOINTS}, and as many left as right");
+            return Err(self.value("arms.left.joints and arms.right.joints", value, bound));
+        }
         for (key, arm) in [("arms.left.joints", &file.arms.left), ("arms.right.joints", &file.arms.right)] {
             for name in &arm.joints {
                 at.push(self.find(key, name, tree)?);
@@ -77,7 +89,7 @@ impl Source<'_> {
         }
         let held = self.held(file, &at, tree)?;
         let names = at.iter().map(|index| tree.joints[*index].name.clone()).collect();
-        Ok(CommandedJoints { names, at, body_count, prismatic, held })
+        Ok(CommandedJoints { names, at, body_count, arm_count, prismatic, held })
     }
 
     fn find(&self, key: &str, name: &str, tree: &Tree) -> Result<usize, RobotError> {
@@ -200,18 +212,36 @@ impl Source<'_> {
         Ok((frames, links.collect()))
     }
 
-    /// Checks that an arm is one chain from the torso, that its upper arm moves with the third joint, and its
-    /// forearm with the fifth.
-    pub(crate) fn check_arm(
+    /// The shape of both arms, which must be the same.
+    pub(crate) fn arms_shape(
+        &self,
+        arms: &Sides<ArmEntry>,
+        commanded: &CommandedJoints,
+        torso_body: usize,
+        bodies: (&[JointFrame], &[BodyLink]),
+    ) -> Result<ArmShape, RobotError> {
+        let [left, right] = [(0, &arms.left), (1, &arms.right)];
+        let shape = |(side, arm)| self.arm_shape(side, arm, commanded, torso_body, bodies);
+        let (left, right) = (shape(left)?, shape(right)?);
+        if left == right {
+            return Ok(left);
+        }
+        let key = "joints that turn upper arm, forearm and hand, left and right";
+        Err(self.value(key, format!("{left} and {right}"), "must be equal"))
+    }
+
+    /// Checks that an arm is one chain from the torso, and returns how many joints turn its upper arm, its forearm and its hand.
+    /// The links of both limbs say so.
+    fn arm_shape(
         &self,
         side: usize,
         arm: &ArmEntry,
         commanded: &CommandedJoints,
         torso_body: usize,
         (frames, links): (&[JointFrame], &[BodyLink]),
-    ) -> Result<(), RobotError> {
+    ) -> Result<ArmShape, RobotError> {
         let (start, side) = (commanded.arm_start(side), ["left", "right"][side]);
-        for i in 0..ARM_JOINTS {
+        for i in 0..commanded.arm_count {
             let parent = frames[start + i].parent;
             let fits = if i == 0 { parent == torso_body } else { parent == start + i };
             if !fits {
@@ -222,15 +252,33 @@ impl Source<'_> {
                 return Err(self.value(&format!("arms.{side}.joints"), format!("`{}`", arm.joints[i]), bound));
             }
         }
-        for (part, name, joint) in [("upper", &arm.upper, start + 2), ("fore", &arm.fore, start + 4)] {
+        // The number of joints up to the one that moves a limb.
+        let upto = |part: &str, name: &str, counts: RangeInclusive<usize>| {
             let key = format!("arms.{side}.{part}");
             let found = links.iter().find(|link| link.name == *name).ok_or_else(|| self.unknown_link(&key, name))?;
-            if found.body != joint + 1 {
-                let bound = format!("must move with joint `{}`", commanded.names[joint]);
-                return Err(self.value(&key, format!("`{name}`"), bound));
+            let count = found.body.saturating_sub(start);
+            if counts.contains(&count) && count <= commanded.arm_count {
+                return Ok(count);
             }
+            let names = counts.filter_map(|count| commanded.names[start..].get(count.checked_sub(1)?));
+            let names: Vec<_> = names.map(|name| format!("`{name}`")).collect();
+            let bound = format!("must move with joint {}", names.join(" or "));
+            Err(self.value(&key, format!("`{name}`"), bound))
+        };
+        let most = ArmShape::MOST;
+        let upper = upto("upper", &arm.upper, 2..=most.upper)?;
+        let limbs = upto("fore", &arm.fore, upper + 1..=upper + most.fore)?;
+        let hand = commanded.arm_count - limbs;
+        if hand > most.hand {
+            let bound = format!("at most {} joints after `{}`: they turn the hand", most.hand, arm.fore);
+            return Err(self.value(&format!("arms.{side}.joints"), format!("{hand} joints"), bound));
         }
-        Ok(())
+        if arm.reference_rad.len() != limbs {
+            let value = format!("{} positions", arm.reference_rad.len());
+            let bound = format!("must be {limbs}: one for each joint up to `{}`", arm.fore);
+            return Err(self.value(&format!("arms.{side}.reference_rad"), value, bound));
+        }
+        Ok(ArmShape { upper, fore: limbs - upper, hand })
     }
 }
 

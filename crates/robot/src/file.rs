@@ -1,11 +1,9 @@
 //! The robot file: data that a URDF does not contain. A key is optional only if it can just tighten a limit, or if
 //! its absence has one meaning.
 
-use crate::arm::LIMB_JOINTS;
 use crate::error::RobotError;
 use crate::fit::FitEntry;
 use crate::proposal::ProposalEntry;
-use messages::ARM_JOINTS;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -77,11 +75,11 @@ pub(crate) struct Sides<T> {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ArmEntry {
-    pub(crate) joints: [String; ARM_JOINTS],
+    pub(crate) joints: Vec<String>,
     pub(crate) upper: String,
     pub(crate) fore: String,
-    /// Positions of joints 1 to 5 in the T-pose.
-    pub(crate) reference_rad: [f64; LIMB_JOINTS],
+    /// Positions of the joints up to the forearm in the T-pose.
+    pub(crate) reference_rad: Vec<f64>,
 }
 
 /// Joints that one controller of the robot moves together.

@@ -108,7 +108,7 @@ impl Source<'_> {
     pub(crate) fn check_masses(&self, model: &Model) -> Result<(), RobotError> {
         let inertias = model.inertias();
         for (side, arm) in ["left", "right"].into_iter().zip(&model.arms) {
-            let mass_kg: f64 = arm.joints.iter().map(|j| inertias[j + 1].mass_kg).sum();
+            let mass_kg: f64 = arm.range().map(|j| inertias[j + 1].mass_kg).sum();
             if mass_kg <= 0.0 {
                 let key = format!("mass of the {side} arm in kg");
                 let links = model.massless_links().join("`, `");

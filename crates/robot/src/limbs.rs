@@ -37,6 +37,27 @@ impl Limbs {
         Self { upper: slerp(&self.upper, &other.upper, s), fore: slerp(&self.fore, &other.fore, s) }
     }
 
+    /// The person's limbs as a target for these limbs of a robot. `rolls`: the limbs, upper arm and forearm, that the robot can turn
+    /// about their own length. A limb that cannot roll is matched by its direction alone: the target points as the person's limb
+    /// and has the robot's roll. It is R turned by the shortest rotation from R y to P y, with R of the robot, P of the person
+    /// and y along the limb.
+    #[inline]
+    pub fn target(&self, person: &Self, rolls: [bool; 2]) -> Self {
+        if rolls == [true; 2] {
+            return *person;
+        }
+        let pointed = |rolls: bool, robot: &UnitQuaternion<f64>, person: &UnitQuaternion<f64>| {
+            if rolls { *person } else { pointed_as(robot, person) }
+        };
+        Self { upper: pointed(rolls[0], &self.upper, &person.upper), fore: pointed(rolls[1], &self.fore, &person.fore) }
+    }
+
+    /// Directions of the limbs: upper arm, forearm.
+    #[inline]
+    pub fn directions(&self) -> [Vector3<f64>; 2] {
+        [self.upper, self.fore].map(|limb| rotate(limb.quaternion(), &Vector3::y()))
+    }
+
     /// Angles between these limbs and the person's, rad: upper arm, forearm.
     pub fn angles(&self, person: &Self) -> [f64; 2] {
         [(self.upper, person.upper), (self.fore, person.fore)].map(|(robot, person)| {
@@ -49,6 +70,17 @@ impl Limbs {
     pub fn between(&self, other: &Self, s: f64) -> Self {
         Self { upper: slerp_signed(&self.upper, &other.upper, s), fore: slerp_signed(&self.fore, &other.fore, s) }
     }
+}
+
+/// `robot` turned by the shortest rotation that lets it point as `person` does. Half a turn is about any axis across.
+fn pointed_as(robot: &UnitQuaternion<f64>, person: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+    let [from, to] = [robot, person].map(|limb| rotate(limb.quaternion(), &Vector3::y()));
+    let (w, v) = (1.0 + from.dot(&to), from.cross(&to));
+    // The rotation by the angle a has w = 1 + cos a and |v| = sin a, up to a factor. At half a turn both vanish.
+    let shortest = UnitQuaternion::try_new(Quaternion::new(w, v.x, v.y, v.z), 1e-9);
+    shortest.unwrap_or_else(|| {
+        UnitQuaternion::new_unchecked(axis_rotation(&rotate(robot.quaternion(), &Vector3::x()), std::f64::consts::PI))
+    }) * robot
 }
 
 /// Two quaternions closer than this (1 - |dot|) are interpolated linearly. The error stays below 1e-12 rad, and no

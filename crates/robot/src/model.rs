@@ -1,6 +1,6 @@
 //! The checked model of one robot.
 
-use crate::arm::{Arm, LIMB_JOINTS};
+use crate::arm::{Arm, ArmShape};
 use crate::collision::{AllowedPair, Capsule, Pair, read_capsules, read_pairs};
 use crate::commanded::CommandedJoints;
 use crate::environment::Obstacle;
@@ -11,9 +11,9 @@ use crate::inertia::Inertia;
 use crate::kinematics::{Frames, JointFrame};
 use crate::limits::JointLimits;
 use crate::payload::Payload;
+use crate::pointing::PointingJoints;
 use crate::pose::Pose;
 use crate::proposal::Proposal;
-use crate::two_axes::TwoAxes;
 use crate::urdf::{Tree, UrdfJoint};
 use crate::visual::{MeshVisual, Visual};
 use messages::{JOINTS_MAX, RobotId};
@@ -74,9 +74,9 @@ pub struct Model {
     /// Left and right arm. The right one is checked to be the mirror image of the left, up to a sign per joint.
     pub arms: [Arm; 2],
     /// Joints 6 and 7 of the left and the right arm. They turn the hand.
-    pub wrists: [TwoAxes; 2],
+    pub wrists: [PointingJoints; 2],
     /// The joints that turn the head. None if the robot file names none.
-    pub head: Option<TwoAxes>,
+    pub head: Option<PointingJoints>,
     /// The body whose frame is the torso frame of the limb rotations.
     pub torso_body: usize,
     /// The torso frame (x forward, y left, z up) in that body's.
@@ -151,7 +151,7 @@ impl Model {
     /// ```
     /// let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
     /// let model = robot::Model::from_text("tiago_dual.toml", &read("toml")?, "tiago_dual.urdf", &read("urdf")?)?;
-    /// assert_eq!(model.joint_names[model.arms[0].joints[0]], "arm_left_1_joint");
+    /// assert_eq!(model.joint_names[model.arms[0].range().start], "arm_left_1_joint");
     ///
     /// let refused = robot::Model::from_text("mine.toml", "name = 1", "mine.urdf", "").unwrap_err();
     /// assert!(refused.to_string().starts_with("mine.toml"));
@@ -192,8 +192,8 @@ impl Model {
     pub fn check_guarded(&self) -> Result<(), RobotError> {
         let mut errors = Vec::new();
         for (side, arm) in ["left", "right"].into_iter().zip(&self.arms) {
-            for (part, joints) in [("upper arm", 0..3), ("forearm", 3..5), ("hand", 5..7)] {
-                let moved = |body: usize| arm.joints[joints.clone()].iter().any(|j| j + 1 == body);
+            for (part, slots) in arm.parts() {
+                let moved = |body: usize| slots.iter().flatten().any(|j| j + 1 == body);
                 let guards = |at: usize| moved(self.capsules[at].body);
                 if !self.pairs.iter().any(|pair| guards(pair.a) || guards(pair.b)) {
                     let links = self.links.iter().filter(|link| moved(link.body)).map(|link| link.name.as_str());
@@ -251,9 +251,7 @@ impl Source<'_> {
         let parent = |body: usize| Some(joint_frames[body.checked_sub(1)?].parent);
         let (pairs, allowed) = read_pairs(self.toml, &capsules, &file.collision.allowed, parent)?;
         let (torso_body, body_from_torso) = self.torso(&file, link_body(&file.torso_link))?;
-        for (side, arm) in [&file.arms.left, &file.arms.right].into_iter().enumerate() {
-            self.check_arm(side, arm, &commanded, torso_body, (&joint_frames, &links))?;
-        }
+        let shape = self.arms_shape(&file.arms, &commanded, torso_body, (&joint_frames, &links))?;
         let lift = std::iter::successors(torso_body.checked_sub(1), |j| joint_frames[*j].parent.checked_sub(1))
             .find(|j| prismatic[*j]);
         let joint_weight = self.joint_weights(&file.tasks.joint_weight, joint_names)?;
@@ -272,7 +270,7 @@ impl Source<'_> {
             urdf_limits,
             home,
             arms: [Arm::blank(); 2],
-            wrists: [TwoAxes::blank(); 2],
+            wrists: [PointingJoints::NONE; 2],
             head: None,
             torso_body,
             body_from_torso,
@@ -296,7 +294,7 @@ impl Source<'_> {
             links,
             joint_names: commanded.names.clone(),
         };
-        self.derive_arms([&file.arms.left, &file.arms.right], &commanded, &mut model)?;
+        self.derive_arms([&file.arms.left, &file.arms.right], (&shape, &commanded), &mut model)?;
         model.head = self.head(file.head_joints.as_ref(), &model)?;
         self.check_masses(&model)?;
         self.check_home(&model)?;
@@ -350,21 +348,24 @@ impl Source<'_> {
         unknown.map_or(Ok(()), |name| Err(RobotError::unknown(self.toml, table, name, "a commanded joint")))
     }
 
-    fn derive_arms(&self, arms: [&ArmEntry; 2], order: &CommandedJoints, model: &mut Model) -> Result<(), RobotError> {
+    fn derive_arms(
+        &self,
+        arms: [&ArmEntry; 2],
+        (shape, order): (&ArmShape, &CommandedJoints),
+        model: &mut Model,
+    ) -> Result<(), RobotError> {
         for (side, arm) in arms.into_iter().enumerate() {
             if let Some(value) = arm.reference_rad.iter().find(|value| !(value.abs() <= TAU)) {
                 let key = format!("arms.{}.reference_rad", ["left", "right"][side]);
                 return Err(self.value(&key, value.to_string(), "at most 2 pi in magnitude"));
             }
-            let joints = std::array::from_fn(|i| order.arm_start(side) + i);
-            model.arms[side] = model.derive_arm(joints, arm.reference_rad);
+            let joints = Arm::with_joints(order.arm_start(side), shape);
+            model.arms[side] = model.derive_arm(&joints, shape.in_slots(&arm.reference_rad));
         }
         model.check_shoulders(self.urdf)?;
         model.mirror(self.toml)?;
-        model.wrists = model.arms.map(|arm| {
-            let t_pose: [(usize, f64); LIMB_JOINTS] = std::array::from_fn(|i| (arm.joints[i], arm.reference[i]));
-            model.two_axes([arm.joints[LIMB_JOINTS], arm.joints[LIMB_JOINTS + 1]], &t_pose)
-        });
+        let t_pose = model.t_pose();
+        model.wrists = model.arms.each_ref().map(|arm| model.pointing(arm.hand_joints(), &t_pose));
         model.check_sides(self.toml)
     }
 

@@ -24,7 +24,7 @@ impl Model {
     /// Returns the place of an arm, left or right, that has the smallest clearance of all checked pairs and obstacles. `None`
     /// without a checked pair. Not for a tick: it measures every pair.
     pub fn nearest_to_arm(&self, frames: &Frames, side: usize) -> Option<NearestToArm> {
-        let on_arm = |capsule: &Capsule| self.arms[side].joints.iter().any(|joint| joint + 1 == capsule.body);
+        let on_arm = |capsule: &Capsule| self.arms[side].range().any(|joint| joint + 1 == capsule.body);
         let mut least: Option<NearestToArm> = None;
         let mut offer = |clearance_m: f64, on_axis: Vector3<f64>, radius_m: f64, towards: Vector3<f64>| {
             if least.is_none_or(|before| clearance_m < before.clearance_m) {

@@ -1,7 +1,6 @@
 //! The points of the arms whose speed is bounded.
 
 use crate::model::Model;
-use messages::ARM_JOINTS;
 use nalgebra::Vector3;
 
 /// A point that is fixed to a body.
@@ -15,17 +14,16 @@ pub struct SpeedPoint {
 
 impl Model {
     /// Elbow and hand of the left arm, then of the right one. The elbow is the beginning of the forearm, at
-    /// the origin of the fifth joint. The hand is an end of a capsule on the last joint's body, the one
+    /// the origin of its last joint. The hand is an end of a capsule on the last joint's body, the one
     /// farthest from that joint's origin. This is the end of a finger. Without such a capsule it is the
     /// origin itself.
     pub fn speed_points(&self) -> [SpeedPoint; 4] {
-        let arm_points = |first: usize| {
-            let (fore, last) = (first + ARM_JOINTS - 2, first + ARM_JOINTS);
+        let [left, right] = self.arms.each_ref().map(|arm| {
+            let ([_, fore], last) = (arm.limb_bodies(), arm.hand_body());
             let ends = self.capsules.iter().filter(|capsule| capsule.body == last).flat_map(|c| [c.a, c.b]);
             let hand = ends.max_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap_or_default();
             [SpeedPoint { body: fore, at: Vector3::zeros() }, SpeedPoint { body: last, at: hand }]
-        };
-        let [left, right] = [0, 1].map(|side| arm_points(self.arms[side].joints[0]));
+        });
         [left[0], left[1], right[0], right[1]]
     }
 }

@@ -93,7 +93,7 @@ fn limb_rotations_match_closed_formula_and_chain() {
     let mirror = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0));
     let mut t_pose = [0.0; JOINTS_MAX];
     for arm in &model.arms {
-        (0..5).for_each(|i| t_pose[arm.joints[i]] = arm.reference[i]);
+        arm.set_limbs(&arm.reference, &mut t_pose);
     }
     let (mut frames, mut reference) = (Frames::default(), Frames::default());
     model.forward(&t_pose, &mut reference);
@@ -101,7 +101,7 @@ fn limb_rotations_match_closed_formula_and_chain() {
         let q = uniform(&model, &mut rng);
         model.forward(&q, &mut frames);
         for (side, arm) in model.arms.iter().enumerate() {
-            let angles: [f64; 5] = std::array::from_fn(|i| q[arm.joints[i]]);
+            let angles: [f64; 5] = arm.limb_values(&q);
             let (mut upper, mut fore) = formula(&angles);
             if side == 1 {
                 (upper, fore) = (mirror * upper * mirror, mirror * fore * mirror);
@@ -109,7 +109,7 @@ fn limb_rotations_match_closed_formula_and_chain() {
             let rotations = arm.limb_rotations(&angles);
             assert!((rotations.0 - upper).amax() < 1e-12 && (rotations.1 - fore).amax() < 1e-12);
             for (joint, limb) in [(2, upper), (4, fore)] {
-                let body = arm.joints[joint] + 1;
+                let body = arm.range().start + joint + 1;
                 let chain = frames.base_from_body[body].r * reference.base_from_body[body].r.transpose();
                 assert!((chain - limb).amax() < 1e-12, "side {side} joint {joint}");
             }

@@ -1,6 +1,7 @@
 //! Tests the shipped robots other than TIAGo++.
 
-use messages::ARM_JOINTS;
+/// All of these arms have seven joints.
+const ARM_JOINTS: usize = 7;
 use robot::{AllowedReason, CAPSULES_MAX, Frames, Model};
 
 struct Robot {
@@ -41,9 +42,9 @@ fn at_home(model: &Model) -> Frames {
     frames
 }
 
-fn axes(model: &Model, side: usize) -> [nalgebra::Vector3<f64>; ARM_JOINTS] {
+fn axes(model: &Model, side: usize) -> Vec<nalgebra::Vector3<f64>> {
     let frames = at_home(model);
-    model.arms[side].joints.map(|j| frames.base_from_body[j + 1].r * model.joint_at_zero(j).1)
+    model.arms[side].range().map(|j| frames.base_from_body[j + 1].r * model.joint_at_zero(j).1).collect()
 }
 
 #[test]
@@ -52,7 +53,7 @@ fn other_robots_have_their_joints_and_no_lift() {
         let model = load(robot);
         assert_eq!((model.name.as_str(), model.count, model.lift), (robot.name, robot.count, None));
         assert_eq!(model.body_count, robot.count - 2 * ARM_JOINTS, "{}", robot.name);
-        assert_eq!(model.arms[0].joints[0], model.body_count, "{}", robot.name);
+        assert_eq!(model.arms[0].range().start, model.body_count, "{}", robot.name);
         assert!(model.capsules.len() <= CAPSULES_MAX && model.capsules.len() >= 20, "{}", model.capsules.len());
     }
 }
@@ -61,9 +62,9 @@ fn other_robots_have_their_joints_and_no_lift() {
 fn other_robots_arms_mirror_by_their_signs() {
     for robot in &ROBOTS {
         let model = load(robot);
-        assert_eq!(model.arms[1].signs, robot.signs, "{}", robot.name);
-        let [left, right] = [0, 1].map(|side| model.arms[side].joints);
-        for ((l, r), sign) in left.into_iter().zip(right).zip(robot.signs) {
+        assert_eq!(Vec::from_iter(model.arms[1].joint_signs()), robot.signs, "{}", robot.name);
+        let [left, right] = [0, 1].map(|side| model.arms[side].range());
+        for ((l, r), sign) in left.zip(right).zip(robot.signs) {
             assert_eq!(model.home[r], sign * model.home[l] + 0.0, "{}: {}", robot.name, model.joint_names[r]);
         }
         // Seen from the mirror, a turn about an axis n becomes one about (-x, y, -z).
@@ -94,7 +95,7 @@ fn other_robots_hands_grasp_at_mirrored_places_between_their_capsules() {
         let model = load(robot);
         let frames = at_home(&model);
         let places = [0, 1].map(|side| {
-            let body = model.arms[side].joints[ARM_JOINTS - 1] + 1;
+            let body = model.arms[side].hand_body();
             let at = model.hand(&frames, side);
             let hand = model.capsules.iter().filter(|capsule| capsule.body == body);
             let ends = hand.flat_map(|capsule| capsule.ends(&frames).map(|end| (end - at).norm()));
@@ -112,7 +113,7 @@ fn other_robots_hands_grasp_at_mirrored_places_between_their_capsules() {
 fn other_robots_hands_are_checked_against_hands_and_body() {
     for robot in &ROBOTS {
         let model = load(robot);
-        let [left, right] = [0, 1].map(|side| model.arms[side].joints[ARM_JOINTS - 1] + 1);
+        let [left, right] = [0, 1].map(|side| model.arms[side].hand_body());
         let checked = |a: usize, b: usize| {
             model.pairs.iter().any(|pair| {
                 let bodies = (model.capsules[pair.a].body, model.capsules[pair.b].body);

@@ -15,7 +15,7 @@ fn axes_that_mirror_within_a_thousandth_are_mirror_images() {
     };
     for angle in [1e-8, 2e-6, 9e-4] {
         let model = with_capsule(&drafted(HERON), &turned(angle)).unwrap_or_else(|error| panic!("{error}"));
-        assert_eq!(model.arms[1].signs, [1.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0]);
+        assert_eq!(Vec::from_iter(model.arms[1].joint_signs()), [1.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0]);
     }
     let error = with_capsule(&drafted(HERON), &turned(2e-3)).unwrap_err().to_string();
     assert!(error.contains("`starboard_a`: deviation of the axis") && error.contains("within 1e-3"), "{error}");
@@ -26,11 +26,11 @@ fn narrower_of_two_rounded_ranges_serves_both_arms() {
     let urdf = edit(HERON, "starboard_b\"", "lower=\"-2.2\"", "lower=\"-2.21\"");
     let urdf = edit(&urdf, "starboard_b\"", "upper=\"0.3\"", "upper=\"0.295\"");
     let model = with_capsule(&drafted(HERON), &urdf).unwrap();
-    let [left, right] = [0, 1].map(|side| &model.limits[model.arms[side].joints[1]]);
+    let [left, right] = [0, 1].map(|side| &model.limits[model.arms[side].range().start + 1]);
     assert_eq!([right.q_min, right.q_max], [-2.18, 0.295 - 0.02]);
     assert_eq!([left.q_min, left.q_max], [-right.q_max, 2.18]);
     assert_eq!([model.arms[0].q_min[1], model.arms[0].q_max[1]], [left.q_min, left.q_max]);
-    assert_eq!(model.urdf_limits[model.arms[1].joints[1]].q_min, -2.21, "the stops stay where they are");
+    assert_eq!(model.urdf_limits[model.arms[1].range().start + 1].q_min, -2.21, "the stops stay where they are");
     let error = with_capsule(&drafted(HERON), &edit(&urdf, "starboard_b\"", "-2.21", "-2.3")).unwrap_err().to_string();
     assert!(error.contains("`starboard_b`: position min"), "{error}");
 }
@@ -54,7 +54,7 @@ fn placeholder_gets_its_limit_from_the_robot_file() {
     let toml = drafted(&urdf);
     let toml = toml.replace("velocity_max_rad_per_s = 1.0 ", "velocity_max_rad_per_s = 2.5 ");
     let model = with_capsule(&toml, &urdf).unwrap_or_else(|error| panic!("{error}"));
-    let limits = &model.urdf_limits[model.arms[0].joints[3]];
+    let limits = &model.urdf_limits[model.arms[0].elbow()];
     assert!(limits.v_max == 2.5 && limits.effort_max >= 1.0 && limits.effort_max < 200.0, "{limits:?}");
     let error = with_capsule(&toml, HERON).unwrap_err().to_string();
     assert!(error.contains("`port_d`: supply.velocity_max_rad_per_s = 2.5") && error.contains("[tighten]"), "{error}");
@@ -72,7 +72,7 @@ fn joint_without_end_takes_a_range_from_the_robot_file() {
     let toml = drafted(&urdf);
     assert!(toml.contains("[supply.port_e]\nposition_min_rad = -3.14 "), "{toml}");
     let model = with_capsule(&toml, &urdf).unwrap_or_else(|error| panic!("{error}"));
-    assert_eq!(model.urdf_limits[model.arms[1].joints[4]].q_max, "3.14".parse().unwrap());
+    assert_eq!(model.urdf_limits[model.arms[1].range().start + 4].q_max, "3.14".parse().unwrap());
     let half = toml.replacen("position_max_rad = 3.14 ", "# ", 1);
     assert!(with_capsule(&half, &urdf).unwrap_err().to_string().contains("both ends of the range"));
     let none = toml.replace("[supply.port_e]\n", "[supply.port_d]\n");

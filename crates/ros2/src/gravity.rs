@@ -27,7 +27,7 @@ impl Gravity {
         let mut bodies = model.inertias();
         for (arm, payload) in model.arms.iter().zip(&model.payload) {
             if let Some(payload) = payload {
-                let hand = &mut bodies[arm.joints[arm.joints.len() - 1] + 1];
+                let hand = &mut bodies[arm.hand_body()];
                 *hand = hand.combined(&Inertia::point(payload.mass_kg, payload.center));
             }
         }

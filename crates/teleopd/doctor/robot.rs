@@ -2,7 +2,7 @@
 
 use config::Loaded;
 use messages::JOINTS_MAX;
-use retarget::{ArmModel, ArmQ, Limbs, limb_error_deg, oracle, solve_poses};
+use retarget::{ArmModel, ArmQ, Limbs, oracle, solve_poses};
 use robot::{Frames, Model};
 use rt::{Exit, Failure};
 use std::fmt::Write;
@@ -76,11 +76,14 @@ pub fn page(loaded: &Loaded) -> Result<String, Failure> {
 /// How straight the T-pose is, and which joints of the right arm turn against their mirror image.
 fn limbs(out: &mut String, model: &Model) {
     let left = &model.arms[0];
-    let off = |joint: usize, wanted: usize| left.axes[joint][wanted].abs().min(1.0).acos().to_degrees();
-    let signs: Vec<&str> = model.arms[1].signs.iter().map(|sign| if *sign < 0.0 { "-" } else { "+" }).collect();
+    let off = |slot: usize, wanted: usize| match left.slots[slot] {
+        Some(_) => format!("{:.2} deg", left.axes[slot][wanted].abs().min(1.0).acos().to_degrees()),
+        None => "without roll".to_owned(),
+    };
+    let signs: Vec<&str> = model.arms[1].joint_signs().map(|sign| if sign < 0.0 { "-" } else { "+" }).collect();
     let _ = writeln!(
         out,
-        "T-pose: upper arm {:.2} deg off the side, forearm {:.2} deg, elbow axis {:.2} deg off vertical; right arm mirrors \
+        "T-pose, off the side: upper arm {}, forearm {}; elbow axis {} off vertical; right arm mirrors \
          with signs {}",
         off(2, 1),
         off(4, 1),
@@ -99,7 +102,7 @@ fn reach(out: &mut String, loaded: &Loaded) {
     for limbs in motion::limbs(&motion, &calibration).iter().step_by(EVERY).filter_map(Limbs::from_message) {
         for human in &limbs {
             let best = oracle(&arm, human, &previous);
-            let error = |q: &ArmQ| limb_error_deg(&arm.forward(q), human).iter().sum::<f64>() / 2.0;
+            let error = |q: &ArmQ| arm.limb_error_deg(q, human).iter().sum::<f64>() / 2.0;
             best_deg += error(&best.q);
             if let Some(weights) = &loaded.weights {
                 solved_deg += error(&solve_poses(&arm, &weights.network, &[*human], 2)[0].q);

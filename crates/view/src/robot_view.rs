@@ -133,6 +133,6 @@ impl RobotView {
 
     /// Returns the bodies that begin at the left and right shoulder. An overlaid person is aligned with them.
     pub fn shoulder_bodies(&self) -> [usize; 2] {
-        self.model.arms.each_ref().map(|arm| arm.joints[1] + 1)
+        self.model.arms.each_ref().map(|arm| arm.range().start + 2)
     }
 }

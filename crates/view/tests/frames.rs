@@ -109,7 +109,7 @@ fn frame_carries_measured_target_and_command_postures() {
     let mut frames = Frames::default();
     model.forward(&shifted(0.2), &mut frames);
     for (side, places) in numbers[FIELDS..][..12].chunks_exact(6).enumerate() {
-        let on_arm = |index: usize| model.arms[side].joints.iter().any(|j| j + 1 == model.capsules[index].body);
+        let on_arm = |index: usize| model.arms[side].range().any(|j| j + 1 == model.capsules[index].body);
         let apart = model.pairs.iter().filter(|pair| on_arm(pair.a) || on_arm(pair.b)).map(|pair| {
             let (one, other) = (&model.capsules[pair.a], &model.capsules[pair.b]);
             let ([a, b], [c, d]) = (one.ends(&frames), other.ends(&frames));
@@ -180,7 +180,10 @@ fn scene_names_every_joint_capsule_and_shape() {
     assert_eq!(encoded["limits"]["clearance_mm"], model.d_min_m * 1e3);
     // In the T-pose the capsule of the hand of TIAGo++ reaches 1.25 m from its middle.
     assert!((encoded["half_span"].as_f64().expect("a length") - 1.25).abs() < 0.01, "{}", encoded["half_span"]);
-    assert_eq!(encoded["shoulders"], serde_json::json!([model.arms[0].joints[1] + 1, model.arms[1].joints[1] + 1]));
+    assert_eq!(
+        encoded["shoulders"],
+        serde_json::json!([model.arms[0].range().start + 1 + 1, model.arms[1].range().start + 1 + 1])
+    );
 }
 
 #[test]

@@ -92,7 +92,7 @@ fn mirror_adds_part_on_other_link() {
     let look = Look::parse("robot.look.toml", &format!("format = 1\n{text}"), &model).expect("a look");
     let [left, right] = look.parts.as_slice() else { panic!("{} parts", look.parts.len()) };
     assert_eq!((left.link.as_str(), right.link.as_str()), ("arm_left_4_link", "arm_right_4_link"));
-    assert_eq!((left.colour.text(), right.body), ("#f0f1f2".to_owned(), model.arms[1].joints[3] + 1));
+    assert_eq!((left.colour.text(), right.body), ("#f0f1f2".to_owned(), model.arms[1].elbow() + 1));
     let (a, b) = (left.body_from_shape, right.body_from_shape);
     // Both links coincide with their bodies' frames, so the mirror changes the signs of the rows x and z.
     for row in 0..3 {
@@ -144,6 +144,6 @@ fn meshes_with_names_of_links_are_found() {
     let view = RobotView::load(&loaded, Some(meshes.path())).expect("one mesh");
     let [mesh] = view.meshes.as_slice() else { panic!("{:?}", view.meshes) };
     assert_eq!((mesh.link.as_str(), mesh.file.as_str()), ("arm_left_4_link", "visual/arm_left_4_link.STL"));
-    assert_eq!(mesh.body, loaded.model.arms[0].joints[3] + 1);
+    assert_eq!(mesh.body, loaded.model.arms[0].elbow() + 1);
     assert!(view.missing.is_empty(), "{:?}", view.missing);
 }

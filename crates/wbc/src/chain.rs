@@ -3,7 +3,7 @@
 //! Body 0 is the base. Body 1 + j moves with joint j. A joint's parent always has a smaller index.
 
 use crate::config::WbcError;
-use messages::{ARM_JOINTS, JOINTS_MAX};
+use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 
 /// Number of bodies.
@@ -78,11 +78,21 @@ struct Turn {
     m2: Matrix3<f64>,
 }
 
+/// Number of joints of each arm, and of those up to its elbow.
+#[derive(Clone, Copy, Debug)]
+pub struct ArmCounts {
+    /// All joints of an arm.
+    pub joints: usize,
+    /// Joints up to the elbow, which is one of them.
+    pub to_elbow: usize,
+}
+
 /// The tree, with precomputed values for its forward kinematics.
 #[derive(Clone, Debug)]
 pub struct KinematicChain {
     /// Number of joints. The arrays are longer: the entries beyond it are not used.
     count: usize,
+    arm: ArmCounts,
     links: [KinematicLink; JOINTS_MAX],
     turns: [Turn; JOINTS_MAX],
     /// Joints between the base and each body.
@@ -95,12 +105,13 @@ pub type Placements = [Placement; BODIES];
 impl KinematicChain {
     /// Creates the tree of these joints: body, left arm, right arm. Each parent must be a body of smaller index than
     /// the joint's own.
-    pub fn new(given: &[KinematicLink]) -> Result<Self, WbcError> {
+    pub fn new(given: &[KinematicLink], arm: ArmCounts) -> Result<Self, WbcError> {
         let count = given.len();
-        if !(2 * ARM_JOINTS..=JOINTS_MAX).contains(&count) {
+        let arms_fit = arm.to_elbow <= arm.joints && 2 * arm.joints <= count;
+        if !(arms_fit && count <= JOINTS_MAX) {
             return Err(WbcError::Kinematics {
                 joint: count,
-                what: "is not there: two arms need 14 joints, at most 24",
+                what: "is not there: two arms need all of their joints, and a robot has at most 24",
             });
         }
         let none = KinematicLink {
@@ -126,7 +137,7 @@ impl KinematicChain {
             }
             ancestors[j + 1] = ancestors[link.parent] | 1 << j;
         }
-        Ok(Self { count, links, turns, ancestors })
+        Ok(Self { count, arm, links, turns, ancestors })
     }
 
     /// The joints.
@@ -149,13 +160,19 @@ impl KinematicChain {
     /// The joints of the left and the right arm.
     #[inline]
     pub fn arms(&self) -> [JointSet; 2] {
-        let arm = (1 << ARM_JOINTS) - 1;
-        [arm << (self.count - 2 * ARM_JOINTS), arm << (self.count - ARM_JOINTS)]
+        let arm = (1 << self.arm.joints) - 1;
+        [arm << (self.count - 2 * self.arm.joints), arm << (self.count - self.arm.joints)]
     }
 
     /// The bodies of the left and the right hand. The last joint of each arm moves them.
     pub fn hands(&self) -> [usize; 2] {
-        [self.count - ARM_JOINTS, self.count]
+        [self.count - self.arm.joints, self.count]
+    }
+
+    /// Returns true if the joint is an arm's behind its elbow.
+    pub(crate) fn is_behind_elbow(&self, j: usize) -> bool {
+        let behind = self.arm.joints - self.arm.to_elbow;
+        self.hands().iter().any(|hand| (hand - behind..*hand).contains(&j))
     }
 
     /// Joints between the base and `body`.

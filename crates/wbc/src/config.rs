@@ -7,7 +7,7 @@ use crate::hand::HandSpeed;
 use crate::interface::{Controllers, Interface};
 use crate::interval::Bounds;
 use crate::torque::Load;
-use messages::{ARM_JOINTS, JOINTS_MAX};
+use messages::JOINTS_MAX;
 use robot::{Payload, Solid};
 use thiserror::Error;
 
@@ -25,8 +25,6 @@ pub const PLANNED_WRIST_SPEED_SHARE: f64 = 0.88;
 /// 1.175 of its limit under `torture` (one million ticks). So the share is 1.05 - (1.175 - 0.98), and 0.02 less for
 /// rarer events.
 pub const PLANNED_BODY_SPEED_SHARE: f64 = 0.83;
-/// Number of joints of an arm before its wrist.
-const BEFORE_WRIST: usize = 4;
 /// Distance kept from position limits, rad or m. It is far above the rounding of a stop's end, and far below
 /// any encoder's resolution.
 const POSITION_INSET: f64 = 1e-6;
@@ -226,10 +224,6 @@ impl Config {
     }
 }
 
-fn is_wrist(chain: &KinematicChain, j: usize) -> bool {
-    chain.hands().iter().any(|hand| (hand + BEFORE_WRIST - ARM_JOINTS..*hand).contains(&j))
-}
-
 /// Returns true if the joint turns the shoulders.
 fn turns_shoulders(chain: &KinematicChain, j: usize) -> bool {
     let [left, right] = chain.arms();
@@ -239,7 +233,7 @@ fn turns_shoulders(chain: &KinematicChain, j: usize) -> bool {
 
 /// The bounds within which joint `j` is planned.
 fn planned(chain: &KinematicChain, j: usize, l: &Bounds) -> Bounds {
-    let (speed_share, inset) = if is_wrist(chain, j) {
+    let (speed_share, inset) = if chain.is_behind_elbow(j) {
         (PLANNED_WRIST_SPEED_SHARE, WRIST_POSITION_INSET)
     } else if turns_shoulders(chain, j) {
         (PLANNED_BODY_SPEED_SHARE, POSITION_INSET)

@@ -1,6 +1,6 @@
 //! Extracts the parts of a robot model that this stage needs.
 
-use crate::chain::{KinematicChain, KinematicLink, Placement};
+use crate::chain::{ArmCounts, KinematicChain, KinematicLink, Placement};
 use crate::config::{Config, Options, Parts, Tasks, WbcError};
 use crate::dynamics::Mass;
 use crate::geometry::BodyCapsule;
@@ -55,7 +55,7 @@ impl Parts {
         let capsule = |c: &robot::Capsule| BodyCapsule { body: c.body, a: c.a, b: c.b, radius_m: c.radius_m };
         let mass = |i: Inertia| Mass { mass_kg: i.mass_kg, center: i.center, about_center: i.about_center };
         Ok(Self {
-            chain: KinematicChain::new(&links)?,
+            chain: KinematicChain::new(&links, arm_counts(model))?,
             controllers: Controllers::new(model.controllers.iter().map(|controller| controller.joints)),
             limits,
             home: model.home,
@@ -70,6 +70,11 @@ impl Parts {
             stop_time_max_s: model.stop_time_max_s,
         })
     }
+}
+
+fn arm_counts(model: &Model) -> ArmCounts {
+    let arm = &model.arms[0];
+    ArmCounts { joints: arm.range().len(), to_elbow: arm.elbow() + 1 - arm.range().start }
 }
 
 fn check_kinematics(model: &Model, chain: &KinematicChain) -> Result<(), WbcError> {
@@ -93,12 +98,10 @@ fn check_kinematics(model: &Model, chain: &KinematicChain) -> Result<(), WbcErro
 impl Tasks {
     /// Returns the costs that the robot file gives.
     fn from_model(model: &Model) -> Self {
-        // An upper arm moves with the arm's third joint, and a forearm with its fifth.
-        let limbs = |start: usize| [start + 3, start + 5];
         Self {
             joint_weight: model.joint_weight,
             limb_weight: model.limb_weight,
-            limb_bodies: model.arms.each_ref().map(|arm| limbs(arm.joints[0])),
+            limb_bodies: model.arms.each_ref().map(robot::Arm::limb_bodies),
         }
     }
 }

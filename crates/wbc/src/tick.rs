@@ -169,7 +169,7 @@ impl State {
 /// let config = Config::new(&model, Options::default())?;
 /// let mut state = State::at_rest(&config, model.home);
 /// let (mut q, zero) = (model.home, [0.0; messages::JOINTS_MAX]);
-/// q[model.arms[0].joints[0]] += 0.1;
+/// q[model.arms[0].range().start] += 0.1;
 /// let target = Some(Target { q: &q, dq: &zero, ddq: &zero, valid_mask: messages::ALL_JOINTS });
 /// let input = |k| Input { k, target, permit: Permit::Follow { speed_scale: 1.0 } };
 /// let step = |k| tick(&config, &mut state, messages::deadline(k), input(k));

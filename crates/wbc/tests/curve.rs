@@ -1,7 +1,7 @@
 //! Tests the bound B on the acceleration of a body's points against finite differences, on random chains of
 //! revolute and prismatic joints.
 
-use crate::support::JOINTS;
+use crate::support::{JOINTS, SEVEN_JOINTS};
 use messages::JOINTS_MAX;
 use nalgebra::{Rotation3, UnitVector3, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -48,7 +48,7 @@ fn curve_bound_is_never_below_point_acceleration() {
         let body = rng.random_range(1..=JOINTS);
         let point = vector(&mut rng, 0.2);
         let capsule = BodyCapsule { body, a: point, b: point, radius_m: 0.01 };
-        let chain = KinematicChain::new(&links).unwrap();
+        let chain = KinematicChain::new(&links, SEVEN_JOINTS).unwrap();
         let geometry = Geometry::new(chain.clone(), &[capsule], &[], 0.01).unwrap();
         let moving: Vec<usize> = (0..rng.random_range(1..4)).map(|_| rng.random_range(0..body)).collect();
         let mut pick = |size: f64| -> [f64; JOINTS_MAX] {

@@ -1,7 +1,7 @@
 //! Tests a blocked arm: it slides, and gives up what has the least cost in the robot file.
 
 use crate::support::{shipped, towards};
-use messages::{ARM_JOINTS, JOINTS_MAX, Stamp};
+use messages::{JOINTS_MAX, Stamp};
 use nalgebra::{Matrix3, Rotation3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -39,10 +39,7 @@ fn blocked(config: &Config, model: &Model, rng: &mut Pcg64) -> [f64; JOINTS_MAX]
 
 /// Sum of the angles between the left arm's limbs and the wanted ones, rad.
 fn limb_error(model: &Model, q: &[f64; JOINTS_MAX], wanted: &[f64; JOINTS_MAX]) -> f64 {
-    let limbs = |q: &[f64; JOINTS_MAX]| {
-        let arm: [f64; ARM_JOINTS] = std::array::from_fn(|i| q[LEFT_ARM.start + i]);
-        model.arms[0].limb_rotations(&std::array::from_fn(|i| arm[i]))
-    };
+    let limbs = |q: &[f64; JOINTS_MAX]| model.arms[0].limb_rotations(&model.arms[0].limb_values(q));
     let angle = |a: Matrix3<f64>, b: Matrix3<f64>| Rotation3::from_matrix_unchecked(a.transpose() * b).angle();
     let (own, theirs) = (limbs(q), limbs(wanted));
     angle(own.0, theirs.0) + angle(own.1, theirs.1)

@@ -1,6 +1,6 @@
 //! Tests the certificate on a motion whose clearance is known: an arm sweeps along an arc past a post just outside it.
 
-use crate::support::{D_MIN_M, parts};
+use crate::support::{D_MIN_M, SEVEN_JOINTS, parts};
 use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 use wbc::chain::{KinematicChain, KinematicLink, Placement};
@@ -27,7 +27,7 @@ fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
     let away = Vector3::new(angle.cos(), angle.sin(), 0.0) * (REACH_M + 2.0 * RADIUS_M + gap_m);
     let capsule = |body, p| BodyCapsule { body, a: p, b: p, radius_m: RADIUS_M };
     let parts = Parts {
-        chain: KinematicChain::new(&(0..17).map(link).collect::<Vec<_>>()).unwrap(),
+        chain: KinematicChain::new(&(0..17).map(link).collect::<Vec<_>>(), SEVEN_JOINTS).unwrap(),
         controllers: wbc::Controllers::new([(1 << 17) - 1]),
         limits: [BOUNDS; JOINTS_MAX],
         home: [0.0; JOINTS_MAX],

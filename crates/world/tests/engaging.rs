@@ -115,9 +115,9 @@ fn person(model: &Model, q: &[f64; JOINTS_MAX], bent: [f64; 2]) -> Box<JointTarg
     };
     let mut target = Box::new(JointTarget::ZERO);
     for (side, arm) in model.arms.iter().enumerate() {
-        let (upper, fore) = arm.limb_rotations(&std::array::from_fn(|i| q[arm.joints[i]]));
+        let (upper, fore) = arm.limb_rotations(&arm.limb_values(q));
         target.human_limbs[2 * side..2 * side + 2].copy_from_slice(&[xyzw(upper), xyzw(fore)]);
-        let hand = xyzw(fore * model.wrists[side].rotation(bent)).map(|x| x as f32);
+        let hand = xyzw(fore * model.wrists[side].rotation([bent[0], bent[1], 0.0])).map(|x| x as f32);
         target.hand_trajectory.iter_mut().for_each(|hands| hands[side] = hand);
     }
     target.limb_trajectory = [target.human_limbs.map(|limb| limb.map(|x| x as f32)); TRAJECTORY_NODES];
@@ -135,13 +135,14 @@ fn hands_and_head_begin_slowly_once_the_arms_are_aligned() {
     let mut there = model.home;
     let head = model.head.expect("TIAGo++ has one");
     for (joints, by) in model.wrists.iter().map(|wrist| (wrist.joints, bent)).chain([(head.joints, [0.8, 0.4])]) {
-        joints.into_iter().zip(by).for_each(|(j, by)| there[j] += by);
+        joints.into_iter().flatten().zip(by).for_each(|(j, by)| there[j] += by);
     }
     (bench.target, bench.person) = (Some(there), person(model, &model.home, bent));
     bench.settle();
     bench.press_enable();
     until_engaged(&mut bench, 2 * TICK_HZ, "aligned arms engage after a second");
-    let pointing: Vec<usize> = model.wrists.iter().flat_map(|wrist| wrist.joints).chain(head.joints).collect();
+    let pointing: Vec<usize> =
+        model.wrists.iter().flat_map(|wrist| wrist.joints).chain(head.joints).flatten().collect();
     for n in 0..TICK_HZ {
         bench.step();
         let allowed = SLOW + n as f64 / TICK_HZ as f64 / 2.0;

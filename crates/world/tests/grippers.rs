@@ -125,7 +125,7 @@ fn f121_denied_gripper_stops_the_robot() {
     bench.config.gripper_gate = safety::gripper::Config::default();
     show(&mut bench, Some(0.0));
     bench.engage();
-    let elbow = bench.model().arms[0].joints[3];
+    let elbow = bench.model().arms[0].elbow();
     bench.target = bench.target.map(|mut q| {
         q[elbow] += 0.3;
         q

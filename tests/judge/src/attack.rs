@@ -2,7 +2,7 @@
 
 use crate::nearest::RANKS;
 use crate::robot::Robot;
-use messages::{ALL_JOINTS, ARM_JOINTS, JOINTS_MAX};
+use messages::{ALL_JOINTS, JOINTS_MAX};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
@@ -168,8 +168,9 @@ impl<'a> Attacker<'a> {
 
     /// Sets mirrored postures, forward and inward, in which the hands meet.
     fn mirrored(&mut self) {
-        let [left, right] = [self.robot.count - 2 * ARM_JOINTS, self.robot.count - ARM_JOINTS];
-        for i in 0..ARM_JOINTS {
+        let arm = self.robot.signs.len();
+        let [left, right] = [self.robot.count - 2 * arm, self.robot.count - arm];
+        for i in 0..arm {
             self.q[right + i] = self.robot.signs[i] * self.q[left + i];
         }
         let inwards = self.rng.random_range(0.0..0.6);
@@ -234,7 +235,7 @@ impl<'a> Attacker<'a> {
         // Go some way along the boundary, towards the base posture, and a little into the boundary.
         let mut along: [f64; JOINTS_MAX] = std::array::from_fn(|j| self.base[j] - seen[j]);
         // Body joints but a lift or a waist move no arm, and those move both.
-        for along in along.iter_mut().take(self.robot.count - 2 * ARM_JOINTS).skip(1) {
+        for along in along.iter_mut().take(self.robot.count - 2 * self.robot.signs.len()).skip(1) {
             *along = 0.0;
         }
         let into: f64 = (0..self.robot.count).map(|j| along[j] * down[j]).sum::<f64>() / length;

@@ -1,7 +1,7 @@
 //! A robot as the judge knows it: where its bodies are, how near they come, and what the joints may do.
 
 use crate::nearest;
-use messages::{ARM_JOINTS, JOINTS_MAX};
+use messages::JOINTS_MAX;
 use nalgebra::{Rotation3, Unit, Vector3};
 use plant::{segment_box, segment_plane};
 use rand::{Rng, RngExt};
@@ -38,13 +38,16 @@ struct Capsule {
     radius_m: f64,
 }
 
+/// Joints of each arm of an invented robot.
+const INVENTED_ARM: usize = 7;
+
 /// A robot: of a robot file, or invented.
 #[derive(Clone, Debug)]
 pub struct Robot {
-    /// Number of joints. The last 14 are the arms'. Arrays are longer.
+    /// Number of joints. The last ones are the arms'. Arrays are longer.
     pub count: usize,
     /// For each joint of the right arm: its position in a posture that mirrors the left arm's, over the left one's.
-    pub signs: [f64; ARM_JOINTS],
+    pub signs: Vec<f64>,
     /// Limits of the joints.
     pub limits: [JointLimits; JOINTS_MAX],
     /// Home posture, rad or m.
@@ -62,7 +65,7 @@ impl Robot {
         let capsules = model.capsules.iter();
         Self {
             count: model.count,
-            signs: model.arms[1].signs,
+            signs: model.arms[1].joint_signs().collect(),
             limits: model.limits,
             home: model.home,
             d_min_m: model.d_min_m,
@@ -92,7 +95,7 @@ impl Robot {
     ) -> Self {
         let capsules = capsules.map(|(body, ends, radius_m)| Capsule { body, ends, radius_m }).collect();
         let (count, kinematics) = (tree.len(), Kinematics::Tree(tree));
-        Self { count, signs: [1.0; ARM_JOINTS], limits, home, d_min_m, kinematics, capsules, pairs }
+        Self { count, signs: vec![1.0; INVENTED_ARM], limits, home, d_min_m, kinematics, capsules, pairs }
     }
 
     /// The model that it was made of. None if it is invented.

@@ -5,7 +5,6 @@ use collision::dynamics::{Dynamics, Payload};
 use collision::error::CollisionError;
 use collision::limits::{Found, Motion, Sampling, State, Survey};
 use collision::report;
-use messages::ARM_JOINTS;
 use nalgebra::Vector3;
 use robot::{Arm, Model, Pose};
 use rt::out;
@@ -51,7 +50,7 @@ impl Limits {
             return self.payload_at.iter().map(at_origin).collect();
         }
         let hand = |(arm, payload): (&Arm, &Option<robot::Payload>)| {
-            let body = arm.joints[ARM_JOINTS - 1] + 1;
+            let body = arm.hand_body();
             let link = model.links().find(|(_, of, pose)| *of == body && **pose == Pose::identity())?.0.to_owned();
             Some(Payload { link, center: payload.map_or_else(Vector3::zeros, |payload| payload.center), mass_kg })
         };

@@ -16,7 +16,6 @@ use crate::plan::{Finger, Group, Part, Plan};
 use crate::scene::{Posture, Scene, has_shapes};
 use crate::split::Splitter;
 use crate::write::{Named, named};
-use messages::ARM_JOINTS;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use robot::{CAPSULES_MAX, Frames, Model};
@@ -138,7 +137,7 @@ impl Tree<'_> {
             let Some(first) = self.uncommanded(&link.name).pop() else { continue };
             let palm = &first.parent.link;
             let body = self.body(palm)?;
-            let at_hand = self.model.arms.iter().any(|arm| arm.joints[ARM_JOINTS - 1] + 1 == body);
+            let at_hand = self.model.arms.iter().any(|arm| arm.hand_body() == body);
             if at_hand && !palms.contains(palm) {
                 palms.push(palm.clone());
             }

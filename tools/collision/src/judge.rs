@@ -190,7 +190,7 @@ impl<'a> Judge<'a> {
     pub fn keep_posture(&self, first: usize, second: usize) -> bool {
         let (Some(a), Some(b)) = (self.body(first), self.body(second)) else { return false };
         let (of_a, of_b) = deciding_joints(self.model, a, b);
-        let of_head = |j: &usize| self.model.head.as_ref().is_some_and(|head| head.joints.contains(j));
+        let of_head = |j: &usize| self.model.head.as_ref().is_some_and(|head| head.joints.contains(&Some(*j)));
         of_a.iter().chain(&of_b).all(|j| *j < self.model.body_count && !of_head(j))
     }
 

@@ -242,8 +242,8 @@ fn check_arms(model: &Model, capsules: &[Named], source: &Source) -> Result<(), 
     let bodies: Vec<usize> = capsules.iter().filter_map(|named| Some(model.link_body(&named.link)?.0)).collect();
     let mut missing = Vec::new();
     for (side, arm) in ["left", "right"].into_iter().zip(&model.arms) {
-        for (part, joints) in [("upper arm", 0..3), ("forearm", 3..5), ("hand", 5..7)] {
-            let moved = |body: usize| arm.joints[joints.clone()].iter().any(|j| j + 1 == body);
+        for (part, slots) in arm.parts() {
+            let moved = |body: usize| slots.iter().flatten().any(|j| j + 1 == body);
             if !bodies.iter().any(|body| moved(*body)) {
                 let links: Vec<&str> =
                     model.links().filter(|(_, body, _)| moved(*body)).map(|(name, ..)| name).collect();

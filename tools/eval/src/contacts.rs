@@ -112,7 +112,7 @@ impl<'a> Robot<'a> {
         model.forward(&model.home, &mut frames);
         let proportions = Proportions::from_model(model);
         // The middle between the shoulders: the origins of the arms' second joints, where the first two axes come nearest.
-        let shoulders = [0, 1].map(|side| frames.base_from_body[model.arms[side].joints[1] + 1].t);
+        let shoulders = [0, 1].map(|side| frames.base_from_body[model.arms[side].range().start + 1 + 1].t);
         let torso = &frames.base_from_body[model.torso_body];
         let middle = torso.r.transpose() * ((shoulders[0] + shoulders[1]) / 2.0 - torso.t);
         let chest = middle + Vector3::x() * proportions.chest_m;
@@ -122,8 +122,8 @@ impl<'a> Robot<'a> {
     fn distances(&mut self, q: &[f64; JOINTS_MAX]) -> Distances {
         self.model.forward(q, &mut self.frames);
         let chest = self.frames.base_from_body[self.model.torso_body].transform_point(&self.chest);
-        let hands = [0, 1].map(|side| self.model.arms[side].joints[6] + 1);
-        let head = self.model.head.as_ref().map(|head| head.joints[1] + 1);
+        let hands = [0, 1].map(|side| self.model.arms[side].hand_body());
+        let head = self.model.head.as_ref().map(|head| head.joints[1].unwrap_or(0) + 1);
         let of = |body: usize| self.model.capsules.iter().filter(move |capsule| capsule.body == body);
         let apart = |hand: usize, other: [Vector3<f64>; 2], radius_m: f64| {
             let distance = |capsule: &Capsule| {
@@ -178,7 +178,7 @@ pub fn postures(model: &Model, motion: &Motion, weight: f64) -> Contacts {
     for (frame, posture) in motion.frames.iter().zip(ground_truth_touching(model, motion, weight).q) {
         let mut q = model.home;
         for (arm, posture) in model.arms.iter().zip(posture) {
-            arm.joints.iter().zip(posture).for_each(|(&joint, at)| q[joint] = at);
+            arm.set_limbs(&posture, &mut q);
         }
         out.add(frame, &mut robot, &q);
     }
@@ -250,9 +250,9 @@ impl Played {
             let nodes: Vec<_> = nodes.collect();
             let path: Vec<Human> = nodes.iter().filter_map(|at| goal.at(*at)).collect();
             let motions = [0, 1].map(|side| {
-                let own = |all: &[f64]| {
+                let own = |all: &[f64; messages::JOINTS_MAX]| {
                     let arm = &model.arms[side];
-                    arm.mirrored(&std::array::from_fn(|i| all[arm.joints[i]])).into()
+                    arm.mirrored(&arm.limb_values(all)).into()
                 };
                 let start = State { q: own(&first.q), v: own(&first.v) };
                 let path: Vec<_> = path.iter().map(|limbs| limbs[side]).collect();
@@ -265,7 +265,7 @@ impl Played {
                 for (arm, (start, motion)) in model.arms.iter().zip(&motions) {
                     let Some(state) = motion.at(*start, at.since(from) as f64 * 1e-9) else { continue };
                     let own = arm.mirrored(&state.q.into());
-                    arm.joints.iter().zip(own).for_each(|(&joint, at)| q[joint] = at);
+                    arm.set_limbs(&own, &mut q);
                 }
                 out.add(&frame(positions), &mut robot, &q);
             }

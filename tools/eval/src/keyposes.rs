@@ -23,7 +23,7 @@ use nalgebra::SVector;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
-use retarget::{ARM_Q, ArmModel, Latent, Network, features, interpolate_latent, limb_error_deg, posture};
+use retarget::{ARM_Q, ArmModel, Latent, Network, features, interpolate_latent, posture};
 use serde::Serialize;
 use std::fmt;
 
@@ -116,7 +116,7 @@ fn pair(arm: &ArmModel, network: &Network, from: &Human, to: &Human) -> [One; 4]
         let path: Vec<Posture> = (0..=STEPS).map(|i| way(i as f64 / STEPS as f64)).collect();
         let between = (1..STEPS).map(|i| {
             let target = human(i as f64 / STEPS as f64);
-            let errors = [0, 1].map(|side: usize| limb_error_deg(&arm.forward(&path[i][side]), &target[side]));
+            let errors = [0, 1].map(|side: usize| arm.limb_error_deg(&path[i][side], &target[side]));
             errors.iter().flatten().sum::<f64>() / 4.0
         });
         One { limb_deg: between.sum::<f64>() / (STEPS - 1) as f64, shape: shape(&path) }

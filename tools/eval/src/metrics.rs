@@ -110,8 +110,9 @@ impl Tally {
         for ((human, posture), oracle) in task.clip.human.iter().zip(postures).zip(&task.oracle) {
             self.frames += 1;
             for side in 0..2 {
-                let (human, q, best) = (&human[side], &posture[side], &oracle[side]);
+                let (human_seen, q, best) = (human[side], &posture[side], &oracle[side]);
                 let robot = arm.forward(q);
+                let human = &robot.target(&human_seen, arm.rolls);
                 let degrees = limb_error_deg(&robot, human);
                 self.s_gr += retarget::s_gr(&robot, human);
                 self.direction += direction_deg(&robot, human).iter().sum::<f64>();
@@ -119,7 +120,7 @@ impl Tally {
                 for (sum, error) in self.by_limb[2 * side..].iter_mut().zip(degrees) {
                     *sum += error;
                 }
-                if limb_error_deg(&arm.forward(best), human).iter().all(|error| *error < REACHABLE_DEG) {
+                if arm.limb_error_deg(best, &human_seen).iter().all(|error| *error < REACHABLE_DEG) {
                     self.reachable.extend(degrees);
                 }
                 let squares: f64 = q.iter().zip(best).map(|(a, b)| (a - b) * (a - b)).sum();

@@ -89,10 +89,10 @@ fn forearms_of_corrected_arms_that_cross_lie_before_the_torso() {
     for posture in poses::trajectory::ground_truth_touching(&model, motion, 1.0).q {
         let (mut q, mut frames) = (model.home, robot::Frames::default());
         for (arm, posture) in model.arms.iter().zip(posture) {
-            arm.joints.iter().zip(posture).for_each(|(&joint, at)| q[joint] = at);
+            arm.set_limbs(&posture, &mut q);
         }
         model.forward(&q, &mut frames);
-        for body in model.arms.iter().flat_map(|arm| arm.joints[4..].iter().map(|joint| joint + 1)) {
+        for body in model.arms.iter().flat_map(|arm| arm.range().skip(4).map(|joint| joint + 1)) {
             for (part, torso) in parts(body).flat_map(|part| parts(model.torso_body).map(move |torso| (part, torso))) {
                 let ([a, b], [c, d]) = (part.ends(&frames), torso.ends(&frames));
                 let apart_m = robot::segment_distance(&a, &b, &c, &d).distance_m - part.radius_m - torso.radius_m;

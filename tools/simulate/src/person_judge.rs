@@ -42,7 +42,7 @@ impl PersonJudge {
         };
         self.count += 1;
         for (side, arm) in seen.robot.arms.iter().enumerate() {
-            let q = std::array::from_fn(|i| target.q[arm.joints[i]]);
+            let q = arm.limb_values(&target.q);
             let (upper, fore) = arm.limb_rotations(&q);
             let bone = Vector3::y() * if side == 0 { 1.0 } else { -1.0 };
             for (limb, rotation) in [upper, fore].into_iter().enumerate() {

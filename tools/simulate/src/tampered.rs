@@ -3,7 +3,7 @@
 use crate::active::{Active, Faults};
 use crate::kinds::{Content, Fault};
 use crate::subject::Subject;
-use messages::{ALL_JOINTS, ARM_JOINTS, JOINTS_MAX, JointCommand, JointTarget, RobotState, Skeleton, TICK_HZ};
+use messages::{ALL_JOINTS, JOINTS_MAX, JointCommand, JointTarget, RobotState, Skeleton, TICK_HZ};
 use rand::{Rng, RngExt};
 use world::Tamper;
 
@@ -120,9 +120,9 @@ impl Tamper for Tampering<'_> {
                 true
             }
             Content::StateSwapped => {
-                let joint = (active.episode.param % ARM_JOINTS as u64) as usize;
-                let [left, right] = model.arms.each_ref().map(|arm| arm.joints);
-                state.q_measured.swap(left[joint], right[(joint + 1) % ARM_JOINTS]);
+                let [left, right] = model.arms.each_ref().map(robot::Arm::range);
+                let joint = (active.episode.param % left.len() as u64) as usize;
+                state.q_measured.swap(left.start + joint, right.start + (joint + 1) % right.len());
                 true
             }
             Content::StateFrozen => {

@@ -45,8 +45,9 @@ struct Errors {
 impl Errors {
     fn add(&mut self, arm: &ArmModel, human: &Limbs, q: &ArmQ) {
         let robot = arm.forward(q);
-        self.degrees.extend(limb_error_deg(&robot, human));
-        self.s_gr += retarget::s_gr(&robot, human);
+        let human = robot.target(human, arm.rolls);
+        self.degrees.extend(limb_error_deg(&robot, &human));
+        self.s_gr += retarget::s_gr(&robot, &human);
     }
 
     fn figures(mut self) -> ErrorFigures {

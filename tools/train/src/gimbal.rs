@@ -24,7 +24,9 @@ pub struct Gimbal {
 impl Gimbal {
     /// Returns the gimbal of `arm`. The first axis has two ends. People reach the one nearer to `REACHED`.
     pub fn new(arm: &Arm) -> Self {
-        let (reached, bone) = (dot(arm.axes[0], REACHED), arm.axes[2]);
+        // Without a third axis the bone itself is looked at: it points to the side at the T-pose.
+        let bone = if arm.rolls[0] { arm.axes[2] } else { [0.0, 1.0, 0.0] };
+        let reached = dot(arm.axes[0], REACHED);
         Self { bone: bone.map(|v| v.copysign(v * bone[1])), direction: arm.axes[0].map(|v| v.copysign(v * reached)) }
     }
 

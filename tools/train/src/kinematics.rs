@@ -3,7 +3,7 @@
 //! U(q) = R(a1, q1 - r1) R(a2, q2 - r2) R(a3, q3 - r3), F(q) = U R(a4, q4 - r4) R(a5, q5 - r5). All axes are in
 //! the torso frame at the reference posture. Quaternions are x, y, z, w.
 
-/// Number of joints of an arm that the limb rotations depend on.
+/// Slots of the joints that the limb rotations of an arm depend on. An empty slot has no axis and no range.
 pub const ARM: usize = 5;
 /// Number of inputs of the human encoder: bone and hinge axes of upper arm and forearm.
 pub const FEATURES: usize = 12;
@@ -23,6 +23,8 @@ pub struct Arm {
     pub mid: [f32; ARM],
     /// Half of each joint's range, rad.
     pub half: [f32; ARM],
+    /// The limbs, upper arm and forearm, that can turn about their own length. The others are matched by their direction.
+    pub rolls: [bool; 2],
 }
 
 /// Returns the Hamilton product.
@@ -63,6 +65,14 @@ pub(crate) fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
 fn error(a: Quaternion, b: Quaternion) -> ([f32; 3], f32) {
     let [x, y, z, w] = product(a, [-b[0], -b[1], -b[2], b[3]]);
     ([x, y, z], w)
+}
+
+/// Returns `robot` turned by the shortest rotation that lets its limb point as that of `human`. Half a turn stays as it is.
+fn pointed_as(robot: Quaternion, human: Quaternion) -> Quaternion {
+    let [from, to] = [robot, human].map(|limb| rotate(limb, [0.0, 1.0, 0.0]));
+    let ([x, y, z], w) = (cross(from, to), 1.0 + from[0] * to[0] + from[1] * to[1] + from[2] * to[2]);
+    let length = (x * x + y * y + z * z + w * w).sqrt();
+    if length < 1e-6 { human } else { product([x, y, z, w].map(|v| v / length), robot) }
 }
 
 /// Returns S_GR of an arm: the sum over both limbs of 1 - <q_a, q_b>^2 (ImitationNet, equation 1). It is
@@ -135,6 +145,7 @@ impl Arm {
     pub fn fit_with_gradient(&self, human: &Limbs, q: &[f32; ARM], square: f32, angle: f32) -> Fit {
         let (limbs, axes) = self.forward_with_axes(q);
         let mut fit = Fit { s_gr: 0.0, angle: 0.0, gradient: [0.0; ARM] };
+        let human = self.target(human, &limbs);
         for (limb, joints) in [(0, 3), (1, ARM)] {
             let (v, s) = error(human[limb], limbs[limb]);
             let s_gr = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
@@ -147,6 +158,12 @@ impl Arm {
             }
         }
         fit
+    }
+
+    /// Returns the human limbs as a target for those of the robot. A limb that cannot roll is turned from the robot's by the
+    /// shortest rotation that lets it point as the human's. Then v of its error is across the limb, and so is the gradient.
+    pub fn target(&self, human: &Limbs, robot: &Limbs) -> Limbs {
+        std::array::from_fn(|limb| if self.rolls[limb] { human[limb] } else { pointed_as(robot[limb], human[limb]) })
     }
 
     /// Converts positions normalised to -1..1 over the limits to joint positions (rad).
@@ -163,6 +180,7 @@ impl From<&retarget::ArmModel> for Arm {
             reference: single(arm.reference),
             mid: single(arm.mid()),
             half: single(arm.half()),
+            rolls: arm.rolls,
         }
     }
 }
@@ -179,6 +197,7 @@ pub(crate) mod tests {
             reference: [0.0, 0.0, FRAC_PI_2, 0.0, 0.0],
             mid: [0.2, 0.0, 1.2, 1.0, 0.0],
             half: [1.3, 1.1, 2.3, 1.3, 2.0],
+            rolls: [true; 2],
         }
     }
 

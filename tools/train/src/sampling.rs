@@ -131,6 +131,9 @@ impl Batch {
             before = *arm;
         }
         self.posture.fill_with(|| rng.random_range(-1.0..1.0));
+        for (posture, half) in self.posture.iter_mut().zip(arm.half.iter().cycle()).filter(|(_, half)| **half == 0.0) {
+            *posture = *half;
+        }
         for anchor in &mut self.anchor {
             *anchor = rng.random_range(0..3);
         }

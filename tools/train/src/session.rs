@@ -104,6 +104,7 @@ impl Session {
         let pairs = frames.as_flattened().iter().zip(postures.as_flattened());
         let degrees = pairs.flat_map(|(human, q)| {
             let robot = self.arm.forward(q);
+            let human = self.arm.target(human, &robot);
             [limb_degrees(human[0], robot[0]), limb_degrees(human[1], robot[1])]
         });
         let sum: f64 = degrees.map(f64::from).sum();

@@ -12,13 +12,13 @@ const BETWEEN_DEG: f64 = 15.0;
 const POSES: usize = 2_000;
 
 /// Returns the joint positions at which a network for `arm` begins, normalised to -1..1 over the limits. It is their
-/// middle, unless that lies at the gimbal. Then it is the mean posture on the side that comes nearer to the recorded
+/// middle, unless that lies at the gimbal of an arm with a closed form. Then it is the mean posture on the side that comes nearer to the recorded
 /// poses.
 pub fn start(arm: &ArmModel, recorded: &Recorded) -> [f32; ARM_Q] {
     let mid = arm.mid();
     let upper = arm.forward(&mid).upper * arm.axes[2];
     let poses = recorded.frames.as_flattened();
-    if upper.cross(&arm.axes[0]).norm() > BETWEEN_DEG.to_radians().sin() || poses.is_empty() {
+    if !arm.has_closed_form || upper.cross(&arm.axes[0]).norm() > BETWEEN_DEG.to_radians().sin() || poses.is_empty() {
         return [0.0; ARM_Q];
     }
     let side = |sign: f64| {

@@ -16,6 +16,7 @@ fn arm() -> Arm {
         // Narrow limits, so that some outputs overrun them.
         mid: [0.2, 0.1, 1.2, 1.0, -0.1],
         half: [0.9, 0.8, 1.3, 1.1, 1.0],
+        rolls: [true; 2],
     }
 }
 

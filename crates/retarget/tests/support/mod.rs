@@ -70,7 +70,7 @@ pub(crate) fn robot() -> RobotArms {
         velocity_max: [1.95, 1.95, 2.35, 2.35, 1.95],
         home: [0.25; JOINTS_MAX],
         robot: RobotId { hash: 7, joint_count: 17, reserved: 0 },
-        joints: [3, 10].map(|first| std::array::from_fn(|j| first + j)),
+        joints: [3, 10].map(|first| std::array::from_fn(|j| Some(first + j))),
         signs: [[1.0; 5]; 2],
         wrists: [8, 15].map(wrist),
         head: None,
@@ -97,13 +97,13 @@ fn ball(radius_m: f64) -> Surface {
     Surface::new(std::iter::once(([Vector3::zeros(); 2], radius_m)))
 }
 
-fn wrist(first: usize) -> robot::TwoAxes {
-    robot::TwoAxes {
-        joints: [first, first + 1],
-        axes: [-Vector3::z(), -Vector3::y()],
-        home: [0.25; 2],
-        q_min: [-1.4, -2.0],
-        q_max: [1.4, 2.0],
+fn wrist(first: usize) -> robot::PointingJoints {
+    robot::PointingJoints {
+        joints: [Some(first), Some(first + 1), None],
+        axes: [-Vector3::z(), -Vector3::y(), Vector3::zeros()],
+        home: [0.25, 0.25, 0.0],
+        q_min: [-1.4, -2.0, 0.0],
+        q_max: [1.4, 2.0, 0.0],
     }
 }
 

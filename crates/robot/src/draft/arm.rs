@@ -1,6 +1,7 @@
 //! One arm of a draft: its kinematics in the torso's frame, its T-pose, and a home posture.
 
-use super::tree::pose_below;
+use super::tree::{moved_links, pose_below};
+use crate::arm::ArmShape;
 use crate::pose::{Pose, rotation};
 use crate::urdf::Tree;
 use messages::ARM_JOINTS;
@@ -24,11 +25,14 @@ const SAME_ROOM_RAD: f64 = 0.1;
 /// Postures from which it is seen where a hand can be.
 const SAMPLES: u32 = 200;
 
-/// Positions of joints 1 to 5, how far the directions of the limbs are off, and how far the positions are outside of their
+/// Positions of an arm's joints in their order. Beyond the last one they are zero.
+pub(super) type Positions = [f64; ARM_JOINTS];
+
+/// Positions of the limbs' joints, how far the directions of the limbs are off, and how far the positions are outside of their
 /// ranges, rad.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Posture {
-    pub(super) q: [f64; 5],
+    pub(super) q: Positions,
     pub(super) off: f64,
     pub(super) outside: f64,
 }
@@ -42,22 +46,25 @@ struct DraftJoint {
 }
 
 /// The joints of an arm. The first one's frame is in the torso's frame.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct ArmChain {
-    joints: [DraftJoint; ARM_JOINTS],
-    /// Directions of the limbs along or against the axes of joints 3 and 5.
+    joints: Vec<DraftJoint>,
+    shape: ArmShape,
+    /// Centre of mass of what the last joint moves, in its frame, m.
+    tip: Vector3<f64>,
+    /// Directions of the limbs along or against the axes of the joints about which they roll.
     along: [f64; 2],
-    /// Position of joint 4 at which the arm is straight, and the direction in which it bends.
+    /// Position of the elbow at which the arm is straight, and the direction in which it bends.
     straight_rad: f64,
     bends: f64,
 }
 
 /// Signs of the right arm: its positions over those of the left arm in the mirrored posture. Zero mirrors zero.
-pub(super) fn signs(chains: &[ArmChain; 2]) -> [f64; ARM_JOINTS] {
-    let axes = chains.each_ref().map(|chain| chain.axes(&[0.0; 5]));
+pub(super) fn signs(chains: &[ArmChain; 2]) -> Positions {
+    let axes = chains.each_ref().map(|chain| chain.axes(&[0.0; ARM_JOINTS]));
     std::array::from_fn(|i| {
-        let image = Vector3::new(-axes[0][i].x, axes[0][i].y, -axes[0][i].z);
-        if axes[1][i].dot(&image) < 0.0 { -1.0 } else { 1.0 }
+        let [Some(left), Some(right)] = axes.each_ref().map(|axes| axes.get(i)) else { return 1.0 };
+        if right.dot(&Vector3::new(-left.x, left.y, -left.z)) < 0.0 { -1.0 } else { 1.0 }
     })
 }
 
@@ -66,7 +73,8 @@ impl ArmChain {
     pub(super) fn new(
         tree: &Tree,
         (torso, link_from_torso): (usize, &Matrix3<f64>),
-        joints: &[usize; ARM_JOINTS],
+        joints: &[usize],
+        shape: ArmShape,
     ) -> Self {
         let torso_from_link = Pose { r: link_from_torso.transpose(), ..Pose::identity() };
         let joint = |i: usize| {
@@ -79,23 +87,54 @@ impl ArmChain {
                 range: [joint.limit.lower, joint.limit.upper],
             }
         };
-        let mut chain = Self { joints: std::array::from_fn(joint), along: [1.0; 2], straight_rad: 0.0, bends: 1.0 };
-        let poses = chain.poses(&[0.0; ARM_JOINTS]);
-        let axis = |i: usize| poses[i].r * chain.joints[i].axis;
-        let along = [(1, 3, 2), (3, 5, 4)].map(|(from, to, of)| (poses[to].t - poses[from].t).dot(&axis(of)));
-        chain.along = along.map(|length| if length < 0.0 { -1.0 } else { 1.0 });
-        // The forearm's direction over q4 is A cos q4 + B sin q4 along the upper arm.
-        let direction = |q4: f64| {
-            let [upper, fore] = chain.limbs(&[0.0, 0.0, 0.0, q4, 0.0]);
+        let tip = joints.last().map_or_else(Vector3::zeros, |last| moved_center(tree, *last));
+        let joints: Vec<_> = (0..shape.joints()).map(joint).collect();
+        let mut chain = Self { joints, shape, tip, along: [1.0; 2], straight_rad: 0.0, bends: 1.0 };
+        let (poses, elbow) = (chain.poses(&[0.0; ARM_JOINTS]), chain.elbow());
+        let along = |from: usize, to: usize, axis: usize| {
+            let length = (chain.point(&poses, to) - poses[from].t).dot(&(poses[axis].r * chain.joints[axis].axis));
+            if length < 0.0 { -1.0 } else { 1.0 }
+        };
+        let [upper, fore] = chain.rolls();
+        let along = [
+            if upper { along(1, elbow, elbow - 1) } else { 1.0 },
+            if fore { along(elbow, elbow + 2, elbow + 1) } else { 1.0 },
+        ];
+        chain.along = along;
+        // The forearm's direction over the elbow's position q is A cos q + B sin q along the upper arm.
+        let direction = |q: f64| {
+            let mut bent = [0.0; ARM_JOINTS];
+            bent[elbow] = q;
+            let [upper, fore] = chain.limbs(&bent);
             upper.dot(&fore)
         };
         let middle = (direction(0.0) + direction(2.0 * FRAC_PI_2)) / 2.0;
-        chain.straight_rad = chain.turned(3, (direction(FRAC_PI_2) - middle).atan2(direction(0.0) - middle));
+        chain.straight_rad = chain.turned(elbow, (direction(FRAC_PI_2) - middle).atan2(direction(0.0) - middle));
         chain
     }
 
+    /// The joint of the elbow.
+    fn elbow(&self) -> usize {
+        self.shape.upper
+    }
+
+    /// Number of joints that turn the limbs.
+    fn limb_joints(&self) -> usize {
+        self.shape.upper + self.shape.fore
+    }
+
+    /// True for a limb, upper arm and forearm, that a joint turns about its own length.
+    fn rolls(&self) -> [bool; 2] {
+        [self.shape.upper == ArmShape::MOST.upper, self.shape.fore == ArmShape::MOST.fore]
+    }
+
+    /// The origin of joint `i`, or the tip beyond the last one.
+    fn point(&self, poses: &[Pose], i: usize) -> Vector3<f64> {
+        poses.get(i).map_or_else(|| poses[poses.len() - 1].transform_point(&self.tip), |pose| pose.t)
+    }
+
     /// Narrows the ranges to those of the arm on the other side, so that each posture has a mirror image.
-    pub(super) fn narrow(&mut self, other: &Self, signs: &[f64; ARM_JOINTS]) {
+    pub(super) fn narrow(&mut self, other: &Self, signs: &Positions) {
         for ((own, other), sign) in self.joints.iter_mut().zip(&other.joints).zip(signs) {
             let [low, high] = if *sign < 0.0 { [-other.range[1], -other.range[0]] } else { other.range };
             let both = [own.range[0].max(low), own.range[1].min(high)];
@@ -122,72 +161,97 @@ impl ArmChain {
         // Additive recurrence by the golden ratio of seven dimensions (the root of x^8 = x + 1): evenly spread.
         const GOLDEN: f64 = 1.096_981_557_798_559_8;
         let sum = (0..SAMPLES).fold(Vector3::zeros(), |sum, sample| {
-            let q = std::array::from_fn(|i| {
+            let q = self.in_order(|i| {
                 let share = (f64::from(sample + 1) / GOLDEN.powi(i as i32 + 1)).fract();
                 let [low, high] = self.joints[i].range.map(|end| end.clamp(-2.0 * FRAC_PI_2, 2.0 * FRAC_PI_2));
                 low + share * (high - low)
             });
-            sum + self.poses(&q)[ARM_JOINTS - 1].t
+            sum + self.poses(&q)[self.joints.len() - 1].t
         });
         sum / f64::from(SAMPLES)
     }
 
-    /// True if three orthogonal axes turn the upper arm, and two the forearm, and both limbs lie along their last axes.
-    pub(super) fn is_three_and_two(&self) -> bool {
-        let axes = self.axes(&[0.0; 5]);
-        // 1e-3, as a model asks.
-        let orthogonal = [(0, 1), (1, 2), (3, 4)].into_iter().all(|(a, b)| axes[a].dot(&axes[b]).abs() < 1e-3);
-        let poses = self.poses(&[0.0; ARM_JOINTS]);
-        let limbs = [(1, 3, 2), (3, 5, 4)].map(|(from, to, axis)| {
-            let limb = poses[to].t - poses[from].t;
+    /// True if the joints turn the limbs as the shape says: those about which a limb rolls lie along it, the elbow lies across
+    /// both limbs, and two neighbouring joints of a limb are not parallel.
+    pub(super) fn fits(&self) -> bool {
+        let zero = [0.0; ARM_JOINTS];
+        let (poses, axes, elbow) = (self.poses(&zero), self.axes(&zero), self.elbow());
+        let lies_along = |from: usize, to: usize, axis: usize| {
+            let limb = self.point(&poses, to) - poses[from].t;
             limb.dot(&axes[axis]).abs() > 0.5 * limb.norm()
-        });
-        orthogonal && limbs == [true; 2]
+        };
+        let [upper, fore] = self.rolls();
+        let rolls = (!upper || lies_along(1, elbow, elbow - 1)) && (!fore || lies_along(elbow, elbow + 2, elbow + 1));
+        // A limb that does not roll must not lie along the joint that swings it.
+        let swings = upper || !lies_along(1, elbow, 1);
+        let limbs = self.limbs(&zero);
+        let across = limbs.iter().all(|limb| limb.dot(&axes[elbow]).abs() < 0.5);
+        // 0.95, as a model asks.
+        let apart = |a: usize, b: usize| axes[a].dot(&axes[b]).abs() < 0.95;
+        rolls && swings && across && apart(0, 1) && (!upper || apart(1, 2)) && (!fore || apart(elbow, elbow + 1))
+    }
+
+    /// Positions of the joints that there are.
+    fn in_order(&self, position: impl Fn(usize) -> f64) -> Positions {
+        std::array::from_fn(|i| if i < self.joints.len() { position(i) } else { 0.0 })
     }
 
     /// Frames of the joints after their own motion, in the torso's frame.
-    fn poses(&self, q: &[f64; ARM_JOINTS]) -> [Pose; ARM_JOINTS] {
+    fn poses(&self, q: &Positions) -> Vec<Pose> {
         let mut pose = Pose::identity();
-        std::array::from_fn(|i| {
-            let joint = &self.joints[i];
-            let turned = Pose { r: rotation(&joint.axis, q[i]), ..Pose::identity() };
+        let moved = self.joints.iter().zip(q).map(|(joint, q)| {
+            let turned = Pose { r: rotation(&joint.axis, *q), ..Pose::identity() };
             pose = pose.compose(&joint.before_from_joint).compose(&turned);
             pose
-        })
+        });
+        moved.collect()
     }
 
-    fn axes(&self, q: &[f64; 5]) -> [Vector3<f64>; ARM_JOINTS] {
-        let poses = self.poses(&std::array::from_fn(|i| q.get(i).copied().unwrap_or(0.0)));
-        std::array::from_fn(|i| poses[i].r * self.joints[i].axis)
+    fn axes(&self, q: &Positions) -> Vec<Vector3<f64>> {
+        self.poses(q).iter().zip(&self.joints).map(|(pose, joint)| pose.r * joint.axis).collect()
     }
 
-    /// Directions of the upper arm and of the forearm.
-    fn limbs(&self, q: &[f64; 5]) -> [Vector3<f64>; 2] {
-        let axes = self.axes(q);
-        [axes[2] * self.along[0], axes[4] * self.along[1]]
+    /// Directions of the upper arm and of the forearm: along the axis about which the limb rolls, or else from its first joint
+    /// to the next one, across the axis of that joint.
+    fn limbs(&self, q: &Positions) -> [Vector3<f64>; 2] {
+        let (poses, elbow) = (self.poses(q), self.elbow());
+        let axis = |i: usize| poses[i].r * self.joints[i].axis;
+        let across = |from: usize| {
+            let limb = self.point(&poses, from + 1) - poses[from].t;
+            (limb - axis(from) * limb.dot(&axis(from))).normalize()
+        };
+        let [upper, fore] = self.rolls();
+        [
+            if upper { axis(elbow - 1) * self.along[0] } else { across(elbow - 1) },
+            if fore { axis(elbow + 1) * self.along[1] } else { across(elbow) },
+        ]
     }
 
-    /// Solves the T-pose of a left arm: straight out to its side, bending to the front. Positions inside the ranges come
-    /// first, and of several those nearest to zero. They decide how the elbow bends, where it bends both ways.
+    /// Solves the T-pose of a left arm: straight out to its side, bending to the front if the upper arm can roll. Positions inside
+    /// the ranges come first, and of several those nearest to zero. They decide how the elbow bends, where it bends both ways.
     pub(super) fn reference(&mut self) -> Posture {
-        let fifth = 0.0_f64.clamp(self.joints[4].range[0], self.joints[4].range[1]);
-        let [low, high] = self.joints[3].range;
+        let (elbow, limb_joints, [rolls, _]) = (self.elbow(), self.limb_joints(), self.rolls());
+        let [low, high] = self.joints[elbow].range;
         let rooms = high - self.straight_rad - (self.straight_rad - low);
-        let mut best = (Posture { q: [0.0; 5], off: f64::INFINITY, outside: 0.0 }, 1.0, [f64::INFINITY; 3]);
+        let mut best = (Posture { q: [0.0; ARM_JOINTS], off: f64::INFINITY, outside: 0.0 }, 1.0, [f64::INFINITY; 3]);
         for bends in [1.0, -1.0].into_iter().filter(|bends| rooms * bends >= 0.0 || rooms.abs() < SAME_ROOM_RAD) {
-            let errors = |q: &[f64; 5]| {
-                let hinge = self.axes(q)[3] * bends;
+            let errors = |q: &Positions| {
+                let hinge = self.axes(q)[elbow] * bends;
                 let upper = self.limbs(q)[0];
-                let (a, b) = (upper - Vector3::y(), hinge.cross(&upper) - Vector3::x());
+                let a = upper - Vector3::y();
+                let b = if rolls { hinge.cross(&upper) - Vector3::x() } else { Vector3::zeros() };
                 [a.x, a.y, a.z, b.x, b.y, b.z]
             };
             let inside = |i: usize, q: f64| q.clamp(self.joints[i].range[0], self.joints[i].range[1]);
             for start in starts() {
-                let from = [start[0], start[1], start[2], self.straight_rad, fifth];
-                for (q, off) in [search(from, 3, |_, q| q, errors), search(from, 3, inside, errors)] {
-                    let q: [f64; 5] = std::array::from_fn(|i| rounded(self.turned(i, rounded(q[i]))));
-                    let outside = (0..5).map(|i| self.outside(i, q[i])).sum::<f64>();
-                    let wide = q[..3].iter().map(|q| q.abs()).sum::<f64>();
+                let mut from = [start[0], start[1], start[2], 0.0, 0.0, 0.0, 0.0, 0.0];
+                from[elbow] = self.straight_rad;
+                (elbow + 1..limb_joints).for_each(|i| from[i] = inside(i, 0.0));
+                for (q, off) in [search(from, elbow, |_, q| q, errors), search(from, elbow, inside, errors)] {
+                    let turned = |i: usize| if i < limb_joints { rounded(self.turned(i, rounded(q[i]))) } else { 0.0 };
+                    let q: Positions = std::array::from_fn(turned);
+                    let outside = (0..limb_joints).map(|i| self.outside(i, q[i])).sum::<f64>();
+                    let wide = q[..elbow].iter().map(|q| q.abs()).sum::<f64>();
                     let rank = [if off < REACHED { 0.0 } else { off }, (outside * 1e6).round(), (wide * 1e6).round()];
                     if rank < best.2 {
                         best = (Posture { q, off, outside }, bends, rank);
@@ -200,9 +264,10 @@ impl ArmChain {
     }
 
     /// Solves a posture of a left arm with bent elbow and the hand in front, inside the limits.
-    pub(super) fn home(&self) -> [f64; ARM_JOINTS] {
+    pub(super) fn home(&self) -> Positions {
+        let (elbow, limb_joints) = (self.elbow(), self.limb_joints());
         let wanted = HOME.map(|direction| Vector3::from(direction).normalize());
-        let errors = |q: &[f64; 5]| {
+        let errors = |q: &Positions| {
             let [upper, fore] = self.limbs(q);
             let (a, b) = (upper - wanted[0], fore - wanted[1]);
             [a.x, a.y, a.z, b.x, b.y, b.z]
@@ -216,19 +281,53 @@ impl ArmChain {
             let [low, high] = self.joints[i].range;
             if low + ROOM_RAD <= 0.0 && 0.0 <= high - ROOM_RAD { 0.0 } else { (low + high) / 2.0 }
         };
-        let mut best = ([0.0; 5], [f64::INFINITY; 2]);
+        let mut best = ([0.0; ARM_JOINTS], [f64::INFINITY; 2]);
         for start in starts() {
-            let from = [start[0], start[1], start[2], self.straight_rad + self.bends * 1.2, rest(4)];
-            let (q, off) = search(from, 4, inside, errors);
+            let mut from = self.in_order(|i| if i < elbow { start[i] } else { rest(i) });
+            from[elbow] = self.straight_rad + self.bends * 1.2;
+            let (q, off) = search(from, elbow + 1, inside, errors);
             // Of postures that are as good to a tenth of a degree, the one nearest to zero.
-            let rank = [(off * 1e5).round(), (q[..3].iter().map(|q| q.abs()).sum::<f64>() * 1e6).round()];
+            let rank = [(off * 1e5).round(), (q[..elbow].iter().map(|q| q.abs()).sum::<f64>() * 1e6).round()];
             if rank < best.1 {
                 best = (q, rank);
             }
         }
-        let q = [best.0[0], best.0[1], best.0[2], best.0[3], rest(4), rest(5), rest(6)];
+        let mut q = best.0;
+        if self.shape.hand == ArmShape::MOST.hand {
+            let [first, second] = self.straight_hand(&q, inside);
+            (q[limb_joints], q[limb_joints + 1]) = (first, second);
+        }
         q.map(|q| (q * 1e3).round() / 1e3)
     }
+
+    /// Positions of the first two of three joints of a hand, at which the last one turns it about the forearm's length. Elsewhere
+    /// the first and the last axis may be parallel, and the hand could not turn every way. Of several, those nearest to zero.
+    fn straight_hand(&self, q: &Positions, inside: impl Fn(usize, f64) -> f64) -> [f64; 2] {
+        let first = self.limb_joints();
+        let fore = self.limbs(q)[1];
+        let mut best = ([q[first], q[first + 1]], [f64::INFINITY; 2]);
+        for (a, b) in (-18..=18).flat_map(|a| (-18..=18).map(move |b| (a, b))) {
+            let at = [(0, a), (1, b)].map(|(i, step)| inside(first + i, f64::from(step) * FRAC_PI_2 / 9.0));
+            let mut bent = *q;
+            (bent[first], bent[first + 1]) = (at[0], at[1]);
+            let along = self.axes(&bent)[first + 2].dot(&fore).abs();
+            // Of postures that are as straight to four degrees, the one nearest to zero.
+            let rank = [((1.0 - along) * 400.0).floor(), at[0].abs() + at[1].abs()];
+            if rank < best.1 {
+                best = (at, rank);
+            }
+        }
+        best.0
+    }
+}
+
+/// Centre of mass of all that a joint moves, in the frame of its link, m.
+fn moved_center(tree: &Tree, joint: usize) -> Vector3<f64> {
+    let poses = super::tree::link_poses(tree, |_| 0.0);
+    let own = poses[tree.joints[joint].child];
+    let links = moved_links(tree, joint).into_iter().map(|link| tree.inertias[link].seen_from(&poses[link]));
+    let whole = links.fold(crate::inertia::Inertia::default(), |sum, link| sum.combined(&link));
+    own.r.transpose() * (whole.center - own.t)
 }
 
 fn starts() -> impl Iterator<Item = [f64; 3]> {
@@ -245,25 +344,25 @@ fn rounded(q: f64) -> f64 {
 /// Least squares by Levenberg-Marquardt over the first `free` positions, each kept by `inside`. Returns the positions
 /// and the sum of the squared errors.
 fn search(
-    from: [f64; 5],
+    from: Positions,
     free: usize,
     inside: impl Fn(usize, f64) -> f64,
-    errors: impl Fn(&[f64; 5]) -> [f64; 6],
-) -> ([f64; 5], f64) {
+    errors: impl Fn(&Positions) -> [f64; 6],
+) -> (Positions, f64) {
     let square = |e: &[f64; 6]| e.iter().map(|x| x * x).sum::<f64>();
     let mut q = from;
     (0..free).for_each(|i| q[i] = inside(i, q[i]));
     let (mut damping, mut off) = (1e-3, square(&errors(&q)));
     for _ in 0..STEPS {
         let e = SVector::<f64, 6>::from(errors(&q));
-        let mut j = SMatrix::<f64, 6, 5>::zeros();
+        let mut j = SMatrix::<f64, 6, ARM_JOINTS>::zeros();
         for i in 0..free {
             let mut moved = q;
             moved[i] += 1e-7;
             j.set_column(i, &((SVector::<f64, 6>::from(errors(&moved)) - e) / 1e-7));
         }
-        let h = j.transpose() * j + SMatrix::<f64, 5, 5>::identity() * (damping + PULL);
-        let pull = SVector::<f64, 5>::from(q) * PULL;
+        let h = j.transpose() * j + SMatrix::<f64, ARM_JOINTS, ARM_JOINTS>::identity() * (damping + PULL);
+        let pull = SVector::<f64, ARM_JOINTS>::from(q) * PULL;
         let Some(step) = h.cholesky().map(|h| h.solve(&(j.transpose() * e + pull))) else { break };
         let mut next = q;
         (0..free).for_each(|i| next[i] = inside(i, q[i] - step[i]));

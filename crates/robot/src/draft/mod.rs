@@ -6,11 +6,12 @@ mod notes;
 mod tree;
 mod write;
 
+use crate::arm::ArmShape;
 use crate::effective::stated;
 use crate::error::RobotError;
 use crate::model::{Model, Source};
 use crate::urdf::Tree;
-use arm::{ArmChain, Posture};
+use arm::{ArmChain, Positions, Posture};
 use limits::Supplied;
 use messages::{ARM_JOINTS, JOINTS_MAX};
 use nalgebra::{Matrix3, Vector3};
@@ -39,10 +40,11 @@ struct Found {
     /// The torso frame (x forward, y left, z up) in the torso link's frame.
     link_from_torso: Matrix3<f64>,
     body: Vec<usize>,
-    arms: [[usize; ARM_JOINTS]; 2],
+    arms: [Vec<usize>; 2],
+    shape: ArmShape,
     held: BTreeMap<usize, f64>,
     reference: [Posture; 2],
-    home: [[f64; ARM_JOINTS]; 2],
+    home: [Positions; 2],
     supplied: Vec<Supplied>,
     base_height_m: f64,
 }
@@ -54,42 +56,50 @@ pub fn draft(urdf_name: &str, urdf_text: &str) -> Result<Draft, RobotError> {
     let refuse = |key: &str, value: String, bound: &str| RobotError::value(urdf_name, key, value, bound);
     let found = tree::find_arms(&tree).map_err(|value| {
         let bound =
-            "two chains of seven joints that turn must hang on one link: a robot with other arms is not supported";
+            "two chains of four to eight joints that turn, as many left as right, must hang on one link: a robot with other arms \
+             is not supported";
         refuse("arms", value, bound)
     })?;
+    let ends = Vec::from_iter(found.chains.iter().filter_map(|chain| chain.ends.clone()));
     let (torso_link, chains) = (found.torso, found.chains.each_ref().map(|chain| chain.joints.as_slice()));
     let supplied = limits::supply(&mut tree, &chains.concat());
-    let start = window(&tree, torso_link, chains);
-    let arms = chains.map(|chain| std::array::from_fn(|i| chain[start + i]));
-    let (link_from_torso, arms) = sides(&tree, torso_link, arms);
+    let (start, shape) = window(&tree, torso_link, chains);
+    let arms = chains.map(|chain| chain[start..start + shape.joints()].to_vec());
+    let (link_from_torso, arms) = sides(&tree, torso_link, arms, shape);
     let (body, placeholders) = commandable(&tree, tree::body_joints(&tree, torso_link, &arms));
-    if body.len() + 2 * ARM_JOINTS > JOINTS_MAX {
-        let bound = format!("at most {} body joints", JOINTS_MAX - 2 * ARM_JOINTS);
+    if body.len() + 2 * shape.joints() > JOINTS_MAX {
+        let bound = format!("at most {} body joints", JOINTS_MAX - 2 * shape.joints());
         return Err(refuse("body joints", body.len().to_string(), &bound));
     }
     check_limits(urdf_name, &tree, arms.iter().flatten())?;
     let held = held(&tree, &body, &arms);
-    let [mut left, right] = arms.each_ref().map(|joints| ArmChain::new(&tree, (torso_link, &link_from_torso), joints));
-    let signs = arm::signs(&[left, right]);
+    let [left, right] =
+        arms.each_ref().map(|joints| ArmChain::new(&tree, (torso_link, &link_from_torso), joints, shape));
+    let chains_of_arms = [left, right];
+    let signs = arm::signs(&chains_of_arms);
+    let [mut left, right] = chains_of_arms;
     left.narrow(&right, &signs);
     let reference = left.reference();
     let home = left.home();
     let mirrored = Posture { q: std::array::from_fn(|i| signs[i] * reference.q[i] + 0.0), ..reference };
+    let supplied = supplied.into_iter().filter(|one| arms.iter().flatten().any(|arm| *arm == one.joint)).collect();
     let found = Found {
         torso_link,
         link_from_torso,
         body,
         arms,
+        shape,
         held,
         reference: [reference, mirrored],
         home: [home, std::array::from_fn(|i| signs[i] * home[i] + 0.0)],
-        supplied: supplied.into_iter().filter(|one| arms.iter().flatten().any(|arm| *arm == one.joint)).collect(),
+        supplied,
         base_height_m: base_height_m(&tree),
     };
     let toml = write::toml(urdf_name, &tree, &found);
-    let (guesses, mut decisions) = notes::notes(&tree, &found);
+    let (mut guesses, mut decisions) = notes::notes(&tree, &found);
+    guesses.extend(ends.into_iter().map(|why| format!("The arm ends there: {why}.")));
     decisions.extend(notes::of_placeholders(&tree, &placeholders));
-    decisions.extend(notes::of_window(&tree, chains, start));
+    decisions.extend(notes::of_window(&tree, chains, start..start + shape.joints()));
     let mut refusals = Vec::from_iter(notes::of_t_pose(&tree, &found));
     let toml_name = format!("{}.toml", urdf_name.trim_end_matches(".urdf"));
     if let Err(error) = Model::from_draft(&toml_name, &toml, urdf_name, urdf_text) {
@@ -98,22 +108,32 @@ pub fn draft(urdf_name: &str, urdf_text: &str) -> Result<Draft, RobotError> {
     Ok(Draft { toml, guesses, decisions, refusals })
 }
 
-/// Where the seven joints of an arm begin in a longer chain: the first place with three orthogonal axes and two more whose T-pose
-/// is found, or 0.
-fn window(tree: &Tree, torso: usize, chains: [&[usize]; 2]) -> usize {
-    let last = chains.map(<[usize]>::len).into_iter().min().unwrap_or(ARM_JOINTS) - ARM_JOINTS;
-    let fits = |start: &usize| {
-        let joints = std::array::from_fn(|i| chains[0][start + i]);
-        let mut chain = ArmChain::new(tree, (torso, &Matrix3::identity()), &joints);
-        chain.is_three_and_two() && chain.reference().off < arm::REACHED
+/// Where the joints of an arm begin in a chain, and how many turn which part: the first shape and place that fit and whose T-pose is
+/// found. Three joints of an upper arm and two of a forearm come first. If none fits, the chain's first joints are taken so.
+fn window(tree: &Tree, torso: usize, chains: [&[usize]; 2]) -> (usize, ArmShape) {
+    let count = chains.map(<[usize]>::len).into_iter().min().unwrap_or(0);
+    let of_length = |joints: usize| {
+        let parts = [(3, 2), (2, 2), (3, 1), (2, 1)].into_iter();
+        parts.filter_map(move |(upper, fore)| Some(ArmShape { upper, fore, hand: joints.checked_sub(upper + fore)? }))
     };
-    if last == 0 { 0 } else { (0..=last).find(fits).unwrap_or(0) }
+    let usual = count.min(tree::SEVEN);
+    let lengths = (count >= ARM_JOINTS).then_some(ARM_JOINTS).into_iter().chain([usual]);
+    let shapes = lengths.flat_map(of_length).filter(|shape| shape.hand <= ArmShape::MOST.hand);
+    let places = shapes.flat_map(|shape| (0..=count - shape.joints()).map(move |start| (start, shape)));
+    let first = ArmShape { upper: 3, fore: count.saturating_sub(3).clamp(1, 2), hand: count.saturating_sub(5).min(2) };
+    let fits = |(start, shape): &(usize, ArmShape)| {
+        let joints = &chains[0][*start..start + shape.joints()];
+        let mut chain = ArmChain::new(tree, (torso, &Matrix3::identity()), joints, *shape);
+        chain.fits() && chain.reference().off < arm::REACHED
+    };
+    places.into_iter().find(fits).unwrap_or((0, first))
 }
 
 /// The arms as left and right, and the torso frame in the frame of the torso's link. The names say which hand is left, and where
 /// the hands can be says where left is. Without names the link's x points forward.
-fn sides(tree: &Tree, torso: usize, arms: [[usize; ARM_JOINTS]; 2]) -> (Matrix3<f64>, [[usize; ARM_JOINTS]; 2]) {
-    let reach = arms.each_ref().map(|joints| ArmChain::new(tree, (torso, &Matrix3::identity()), joints).reach());
+fn sides(tree: &Tree, torso: usize, arms: [Vec<usize>; 2], shape: ArmShape) -> (Matrix3<f64>, [Vec<usize>; 2]) {
+    let identity = Matrix3::identity();
+    let reach = arms.each_ref().map(|joints| ArmChain::new(tree, (torso, &identity), joints, shape).reach());
     let apart = reach[0] - reach[1];
     let named = (tree::named_side(tree, &arms[0]) - tree::named_side(tree, &arms[1])).clamp(-1.0, 1.0);
     let poses = tree::link_poses(tree, |_| 0.0);
@@ -161,7 +181,7 @@ fn check_limits<'j>(file: &str, tree: &Tree, joints: impl Iterator<Item = &'j us
 }
 
 /// Positions of the movable joints that no list names: where their leaders move them, or zero, or the nearest end of the range.
-fn held(tree: &Tree, body: &[usize], arms: &[[usize; ARM_JOINTS]; 2]) -> BTreeMap<usize, f64> {
+fn held(tree: &Tree, body: &[usize], arms: &[Vec<usize>; 2]) -> BTreeMap<usize, f64> {
     let commanded = |joint: &usize| body.contains(joint) || arms.iter().flatten().any(|arm| arm == joint);
     let others = (0..tree.joints.len()).filter(|joint| !commanded(joint));
     let movable = others.filter(|joint| tree.joints[*joint].kind != JointType::Fixed);

@@ -1,8 +1,8 @@
 //! Sentences of a draft for the person who completes it.
 
 use super::Found;
+use crate::arm::ArmShape;
 use crate::urdf::Tree;
-use messages::ARM_JOINTS;
 use nalgebra::Matrix3;
 use urdf_rs::JointType;
 
@@ -16,6 +16,15 @@ pub(super) fn notes(tree: &Tree, found: &Found) -> (Vec<String>, Vec<String>) {
             list(tree, arm)
         ));
     }
+    let (shape, can) = (found.shape, |part: &str| {
+        format!("The {part} cannot turn about its own length. It is matched by its direction.")
+    });
+    guesses.push(format!(
+        "Of an arm's joints {} turn the upper arm, {} the forearm and {} the hand.",
+        shape.upper, shape.fore, shape.hand
+    ));
+    guesses.extend((shape.upper < ArmShape::MOST.upper).then(|| can("upper arm")));
+    guesses.extend((shape.fore < ArmShape::MOST.fore).then(|| can("forearm")));
     guesses.push(match found.body.as_slice() {
         [] => "No joint moves the torso or a head.".to_owned(),
         body => format!("Body joints that keep a posture: {}.", list(tree, body)),
@@ -75,9 +84,8 @@ fn always(tree: &Tree, found: &Found) -> [String; 5] {
             found.base_height_m, tree.links[tree.root]
         ),
         format!(
-            "The last joint of an arm, such as `{}`, must turn the whole hand: if it moves fingers, the arm has six joints \
-             and is not supported.",
-            tree.joints[found.arms[0][ARM_JOINTS - 1]].name
+            "The last joint of an arm, such as `{}`, must turn the whole hand: if it moves fingers, take it out of the arms.",
+            tree.joints[found.arms[0][found.shape.joints() - 1]].name
         ),
         "Accelerations come from effort and inertia. Jerks and reduced speeds are assumptions: ask the manufacturer, then see \
          `collision limits`."
@@ -98,13 +106,13 @@ pub(super) fn of_placeholders(tree: &Tree, joints: &[usize]) -> Option<String> {
 }
 
 /// Joints of longer chains that belong to no arm.
-pub(super) fn of_window(tree: &Tree, chains: [&[usize]; 2], start: usize) -> Option<String> {
-    let outside = |(i, joint): (usize, &usize)| (i < start || i >= start + ARM_JOINTS).then_some(*joint);
+pub(super) fn of_window(tree: &Tree, chains: [&[usize]; 2], taken: std::ops::Range<usize>) -> Option<String> {
+    let outside = |(i, joint): (usize, &usize)| (!taken.contains(&i)).then_some(*joint);
     let others: Vec<usize> = chains.iter().flat_map(|chain| chain.iter().enumerate().filter_map(outside)).collect();
     (!others.is_empty()).then(|| {
         let others = list(tree, &others);
         format!(
-            "The arms have more than seven joints. {others} are held: check that the other seven are the right ones."
+            "The arms have more joints than are taken. {others} are held: check that the others are the right ones."
         )
     })
 }

@@ -1,10 +1,12 @@
 //! Finds arms and body in a URDF's tree.
 
+use crate::commanded::ARM_JOINTS_MIN;
 use crate::pose::Pose;
 use crate::urdf::Tree;
-use messages::ARM_JOINTS;
 use urdf_rs::JointType;
 
+/// Joints of most arms: three turn the upper arm, two the forearm, two the hand.
+pub(super) const SEVEN: usize = 7;
 /// Words in the name of a joint of a head.
 const HEAD_WORDS: [&str; 2] = ["head", "neck"];
 /// Words in the name of a joint of a leg.
@@ -105,6 +107,17 @@ pub(super) fn pose_below(tree: &Tree, link: usize, joint: usize) -> Pose {
 /// Finds the link that carries two arms. If more chains are long enough, it takes the two highest. If no link carries two, the
 /// error says what the longest chains are.
 pub(super) fn find_arms(tree: &Tree) -> Result<Arms, String> {
+    // Long chains first: a hand may have fingers of four joints.
+    let lengths = [SEVEN, 6, 5];
+    lengths
+        .into_iter()
+        .find_map(|length| arms_of_length(tree, length).ok())
+        .map_or_else(|| arms_of_length(tree, ARM_JOINTS_MIN), Ok)
+}
+
+/// As [`find_arms`], for arms of this many joints, and of more if these are seven.
+fn arms_of_length(tree: &Tree, joints: usize) -> Result<Arms, String> {
+    let fits = |arm: &Chain| arm.joints.len() == joints || (joints == SEVEN && arm.joints.len() > joints);
     let mut found: Option<Arms> = None;
     let mut short: Vec<Chain> = Vec::new();
     let mut open = vec![tree.root];
@@ -120,7 +133,7 @@ pub(super) fn find_arms(tree: &Tree) -> Result<Arms, String> {
             arms.push(Chain { joints, ends: cut.map(|(_, why)| why) });
         }
         let place = |arm: &Chain| pose_below(tree, link, arm.joints[0]).t.z;
-        let (mut long, rest): (Vec<_>, Vec<_>) = arms.into_iter().partition(|arm| arm.joints.len() >= ARM_JOINTS);
+        let (mut long, rest): (Vec<_>, Vec<_>) = arms.into_iter().partition(fits);
         long.sort_by(|a, b| place(b).total_cmp(&place(a)));
         // The deepest such link is the torso.
         if long.len() >= 2 {
@@ -178,7 +191,7 @@ pub(super) fn is_head(tree: &Tree, joint: usize) -> bool {
 }
 
 /// Joints that move the torso, and those of a head. Joints that cannot be commanded are left out.
-pub(super) fn body_joints(tree: &Tree, torso: usize, arms: &[[usize; ARM_JOINTS]; 2]) -> Vec<usize> {
+pub(super) fn body_joints(tree: &Tree, torso: usize, arms: &[Vec<usize>; 2]) -> Vec<usize> {
     let commandable = |joint: &usize| {
         let joint = &tree.joints[*joint];
         matches!(joint.kind, JointType::Revolute | JointType::Prismatic) && joint.mimics.is_none()

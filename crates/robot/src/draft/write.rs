@@ -4,7 +4,6 @@ use super::Found;
 use super::limits::{Load, Posture};
 use crate::pose::rpy_of;
 use crate::urdf::Tree;
-use messages::ARM_JOINTS;
 use nalgebra::Matrix3;
 use std::fmt::Write;
 use urdf_rs::JointType;
@@ -24,8 +23,8 @@ const SPEED_SHARE: f64 = 0.93;
 const MARGIN_RAD: f64 = 0.02;
 const MARGIN_M: f64 = 0.002;
 
-struct Group<'a> {
-    name: &'a str,
+struct Group {
+    name: String,
     joints: Vec<usize>,
     slides: bool,
     limits: [f64; 2],
@@ -54,6 +53,7 @@ pub(super) fn toml(urdf_name: &str, tree: &Tree, found: &Found) -> String {
     out.push_str(
         "# The reference is the T-pose: both arms straight out to the sides, elbow flexion pointing forward.\n",
     );
+    let limbs = found.shape.upper + found.shape.fore;
     for (side, joints) in found.arms.iter().enumerate() {
         let link = |i: usize| &tree.links[tree.joints[joints[i]].child];
         let _ = write!(
@@ -61,9 +61,9 @@ pub(super) fn toml(urdf_name: &str, tree: &Tree, found: &Found) -> String {
             "[arms.{}]\njoints = {}\nupper = {}\nfore = {}\nreference_rad = {:?}\n\n",
             ["left", "right"][side],
             list(tree, joints),
-            quoted(link(2)),
-            quoted(link(4)),
-            found.reference[side].q,
+            quoted(link(found.shape.upper - 1)),
+            quoted(link(limbs - 1)),
+            &found.reference[side].q[..limbs],
         );
     }
     out.push_str("[limits]\nstop_time_max_ms = 500.0\n\n");
@@ -81,7 +81,7 @@ pub(super) fn toml(urdf_name: &str, tree: &Tree, found: &Found) -> String {
     supply(&mut out, tree, found);
     home(&mut out, tree, found);
     out.push_str("[tasks]\nlimb_orientation_weight = 1.0\n\n# The wrist turns no limb of a person, so it gives way first.\n[tasks.joint_weight]\n");
-    for joint in found.arms.iter().flat_map(|arm| &arm[5..]) {
+    for joint in found.arms.iter().flat_map(|arm| &arm[limbs..]) {
         let _ = writeln!(out, "{} = 0.01", key(&tree.joints[*joint].name));
     }
     out.push_str(
@@ -146,22 +146,23 @@ fn held(out: &mut String, tree: &Tree, found: &Found) {
     }
 }
 
-fn groups<'a>(tree: &Tree, found: &Found) -> [Group<'a>; 4] {
+fn groups(tree: &Tree, found: &Found) -> [Group; 4] {
     let slides = |joint: &usize| tree.joints[*joint].kind == JointType::Prismatic;
     let body = |wanted: bool| found.body.iter().copied().filter(|joint| slides(joint) == wanted).collect();
-    let arms = |from: usize, to: usize| found.arms.iter().flat_map(|arm| arm[from..to].to_vec()).collect();
-    let turning = |name, joints, limits| Group { name, joints, slides: false, limits, stop_s: STOP_S };
+    let arms = |part: std::ops::Range<usize>| found.arms.iter().flat_map(|arm| arm[part.clone()].to_vec()).collect();
+    let (count, elbow) = (found.shape.joints(), found.shape.upper);
+    let turning = |name: String, joints, limits| Group { name, joints, slides: false, limits, stop_s: STOP_S };
     [
-        Group { name: "lift", joints: body(true), slides: true, limits: LIFT, stop_s: LIFT_STOP_S },
-        turning("body", body(false), BODY),
-        turning("arm_1_to_4", arms(0, 4), ARM),
-        turning("arm_5_to_7", arms(4, ARM_JOINTS), ARM),
+        Group { name: "lift".into(), joints: body(true), slides: true, limits: LIFT, stop_s: LIFT_STOP_S },
+        turning("body".into(), body(false), BODY),
+        turning(format!("arm_1_to_{}", elbow + 1), arms(0..elbow + 1), ARM),
+        turning(format!("arm_{}_to_{count}", elbow + 2), arms(elbow + 1..count), ARM),
     ]
 }
 
 /// The speed is a share of the lowest of the group's in the URDF, or what stops in time if that is lower. The acceleration is
 /// what the weakest joint can do at home.
-fn write_group(out: &mut String, tree: &Tree, group: &Group<'_>, home: &Posture) {
+fn write_group(out: &mut String, tree: &Tree, group: &Group, home: &Posture) {
     let limit = |joint: &usize| &tree.joints[*joint].limit;
     let lowest = |of: &dyn Fn(&usize) -> f64| group.joints.iter().map(of).fold(f64::INFINITY, f64::min);
     let possible = |joint: &usize| {

@@ -227,7 +227,7 @@ fn sound_robot_passes_every_step() {
 #[test]
 fn defects_are_found_at_their_step_with_the_joint_named() {
     let facts = Made::new(Defect::Nothing).facts;
-    let [left, right] = [0, 1].map(|arm| facts.model.arms[arm].joints[1]);
+    let [left, right] = [0, 1].map(|arm| facts.model.arms[arm].range().start + 1);
     let (moving, _) = super::kills::free_joint(&facts, &facts.model.home, 0).expect("a joint that moves");
     let moving_name = facts.model.joint_names[moving].as_str();
     let names = [left, right].map(|joint| facts.model.joint_names[joint].as_str());
@@ -272,7 +272,7 @@ fn refusal_ends_the_run_at_its_step() {
 #[test]
 fn joint_without_room_fails_instead_of_being_skipped() {
     let facts = Made::new(Defect::Nothing).facts;
-    let joint = facts.model.arms[0].joints[0];
+    let joint = facts.model.arms[0].range().start;
     let mut q = facts.model.home;
     let free = facts.travel(&q, joint).expect("home has room");
     q[joint] = if free > 0.0 { facts.model.limits[joint].q_max } else { facts.model.limits[joint].q_min };
@@ -328,6 +328,6 @@ fn words_name_the_hand_that_moves_and_its_direction() {
     assert!(up.contains("left hand went 10 mm up") && up.contains("right hand went 10 mm up"), "{up}");
     let down = description::visible_motion(model, q, lift, -0.01);
     assert!(down.contains("left hand went 10 mm down"), "{down}");
-    let left = description::visible_motion(model, q, model.arms[0].joints[0], 0.05);
+    let left = description::visible_motion(model, q, model.arms[0].range().start, 0.05);
     assert!(left.contains("left hand") && !left.contains("right hand") && left.contains("2.9 degrees"), "{left}");
 }

@@ -144,7 +144,7 @@ impl<'a> Checker<'a> {
         if motions.is_empty() {
             return Ok(None);
         }
-        let hand = self.model.arms.iter().position(|arm| arm.joints.last().is_some_and(|joint| joint + 1 == body));
+        let hand = self.model.arms.iter().position(|arm| arm.hand_body() == body);
         hand.map(Some)
             .ok_or_else(|| self.value(&format!("{key}.closing"), "given", "left out of a link that is no hand"))
     }

@@ -7,11 +7,14 @@ use messages::{ALL_JOINTS, JOINTS_MAX};
 use nalgebra::{Matrix3, Vector3};
 use robot::{JointLimits, Model};
 use std::path::Path;
-use wbc::chain::{KinematicChain, KinematicLink, Placement};
+use wbc::chain::{ArmCounts, KinematicChain, KinematicLink, Placement};
 use wbc::dynamics::Mass;
 use wbc::geometry::BodyCapsule;
 use wbc::interval::Bounds;
 use wbc::{Config, Controllers, Input, Options, Parts, Permit, Target, Tasks};
+
+/// The arms of an invented robot.
+pub const SEVEN_JOINTS: ArmCounts = ArmCounts { joints: 7, to_elbow: 4 };
 
 /// The robot resembles no product. It has the proportions of a person on a column, and d_min is 10 mm.
 pub const D_MIN_M: f64 = 0.01;
@@ -137,7 +140,7 @@ pub fn chain() -> KinematicChain {
             stroke: limits[j].q_min.abs().max(limits[j].q_max.abs()),
         }
     };
-    KinematicChain::new(&(0..JOINTS).map(link).collect::<Vec<_>>()).expect("a tree in order")
+    KinematicChain::new(&(0..JOINTS).map(link).collect::<Vec<_>>(), SEVEN_JOINTS).expect("a tree in order")
 }
 
 /// The robot's parts.

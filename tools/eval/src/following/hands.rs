@@ -43,8 +43,8 @@ pub(crate) struct HandSample {
     side: usize,
     person: UnitQuaternion<f64>,
     fore: UnitQuaternion<f64>,
-    commanded: [f64; 2],
-    best: [f64; 2],
+    commanded: [f64; 3],
+    best: [f64; 3],
     clear: bool,
 }
 
@@ -62,12 +62,12 @@ pub(crate) fn samples(model: &Model, target: &JointTarget, command: &JointComman
     let of = |(side, hand): (usize, [f64; 4])| {
         let person = rotation_from_xyzw(hand)?;
         let (arm, wrist) = (&model.arms[side], &model.wrists[side]);
-        let (_, fore) = arm.limb_rotations(&std::array::from_fn(|i| command.q[arm.joints[i]]));
+        let (_, fore) = arm.limb_rotations(&arm.limb_values(&command.q));
         let fore = turn(&fore);
-        let best = wrist.nearest(&(fore.inverse() * person));
-        let commanded = wrist.joints.map(|j| command.q[j]);
+        let best = wrist.nearest(&(fore.inverse() * person), wrist.home);
+        let commanded = wrist.joints.map(|joint| joint.map_or(0.0, |j| command.q[j]));
         let mut there = command.q;
-        wrist.joints.into_iter().zip(best).for_each(|(j, q)| there[j] = q);
+        wrist.with(best).for_each(|(j, q)| there[j] = q);
         let mut frames = Frames::default();
         model.forward(&there, &mut frames);
         let clear = model.clearance(&frames).0 >= FREE_M;
@@ -92,21 +92,22 @@ fn errors_of(model: &Model, series: &[HandSample], ahead_s: f64) -> Vec<HandErro
 
 fn errors_of_piece(model: &Model, series: &[HandSample], free: &[bool], ahead_s: f64) -> Vec<HandError> {
     let wrist = &model.wrists[series[0].side];
-    let reached = [0, 1].map(|i| {
+    let reached = [0, 1, 2].map(|i| {
         let wanted = DVector::from_iterator(series.len(), series.iter().map(|sample| sample.best[i]));
-        reach(&wanted, &model.limits[wrist.joints[i]])
+        wrist.joints[i].map_or_else(|| wanted.clone(), |joint| reach(&wanted, &model.limits[joint]))
     });
-    let known = [0, 1].map(|i| {
+    let known = [0, 1, 2].map(|i| {
         let wanted: Vec<f64> = series.iter().map(|sample| sample.best[i]).collect();
-        foresee(&wanted, (ahead_s / SAMPLE_S).round() as usize, &model.limits[wrist.joints[i]])
+        let ahead = (ahead_s / SAMPLE_S).round() as usize;
+        wrist.joints[i].map_or_else(|| wanted.clone(), |joint| foresee(&wanted, ahead, &model.limits[joint]))
     });
-    let off = |sample: &HandSample, q: [f64; 2]| {
+    let off = |sample: &HandSample, q: [f64; 3]| {
         (sample.fore * turn(&wrist.rotation(q))).angle_to(&sample.person).to_degrees()
     };
     let error = |(i, sample): (usize, &HandSample)| HandError {
         command_deg: off(sample, sample.commanded),
-        optimum_deg: off(sample, [reached[0][i], reached[1][i]]),
-        known_deg: off(sample, [known[0][i], known[1][i]]),
+        optimum_deg: off(sample, reached.each_ref().map(|q| q[i])),
+        known_deg: off(sample, known.each_ref().map(|q| q[i])),
         free: free[i],
     };
     series.iter().enumerate().map(error).collect()
@@ -193,7 +194,7 @@ mod tests {
         let toml = include_str!("../../../../config/robots/tiago_dual.toml");
         let urdf = include_str!("../../../../config/robots/tiago_dual.urdf");
         let model = Model::from_text("toml", toml, "urdf", urdf).expect("the shipped robot");
-        let limits = &model.limits[model.wrists[0].joints[0]];
+        let limits = &model.limits[model.wrists[0].joints[0].expect("a wrist")];
         let slow = DVector::from_fn(100, |i, _| 0.3 * (i as f64 * SAMPLE_S).sin());
         assert!((reach(&slow, limits) - &slow).amax() < 1e-3);
         let step = DVector::from_fn(100, |i, _| if i < 50 { -0.5 } else { 0.5 });

@@ -65,7 +65,10 @@ impl ClipFigures {
 
 pub fn bounds_of(model: &Model) -> [Bounds; 2] {
     model.arms.each_ref().map(|arm| {
-        let limit = |of: fn(&robot::JointLimits) -> f64| Joints::from_fn(|i, _| of(&model.limits[arm.joints[i]]));
+        let limit = |of: fn(&robot::JointLimits) -> f64| {
+            // What stands in an empty slot is no limit: nothing moves there.
+            Joints::from_fn(|i, _| arm.slots[i].map_or(1.0, |joint| of(&model.limits[joint])))
+        };
         // A right arm is judged as the left arm that mirrors it.
         let turned = |i: usize| arm.signs[i] < 0.0;
         let (low, high) = (limit(|limits| limits.q_min), limit(|limits| limits.q_max));
@@ -91,7 +94,9 @@ pub fn errors_deg(arm: &ArmModel, played: &Played, span: &[Sample], delay_ms: f6
     let error = |sample: &Sample| {
         let then = Stamp(sample.at.0.checked_sub(delay_ns)?);
         let person = played.person.at(then).filter(|_| then >= first.at)?;
-        Some((sample.at, limbs_deg(&limbs_of(arm, &sample.q), &person)))
+        let robot = limbs_of(arm, &sample.q);
+        let person = std::array::from_fn(|side| robot[side].target(&person[side], arm.rolls));
+        Some((sample.at, limbs_deg(&robot, &person)))
     };
     span.iter().filter_map(error).collect()
 }
@@ -137,7 +142,7 @@ impl Best {
 fn add_deg(sums: &mut [f64], arm: &ArmModel, start: State, motion: &Motion, path: &[Limbs]) {
     let states = std::iter::once(&start).chain(&motion.states);
     for ((sum, state), goal) in sums.iter_mut().zip(states).zip(path) {
-        *sum += limb_error_deg(&arm.forward(&state.q.into()), goal).iter().sum::<f64>() / LIMBS as f64;
+        *sum += arm.limb_error_deg(&state.q.into(), goal).iter().sum::<f64>() / LIMBS as f64;
     }
 }
 

@@ -9,7 +9,7 @@
 use super::riccati::Joints;
 use super::tracking::{HandPath, Loss, Motion, NODE_S, Task, brake};
 use follow::solver::{Bounds, State};
-use retarget::{ArmModel, Limbs, limb_error_deg};
+use retarget::{ArmModel, Limbs};
 
 /// Nodes of a window, and the number of nodes that are kept. The times are 2 s and 1 s, 1 s and 0.5 s, 0.5 s and 0.1 s.
 const WINDOWS: [(usize, usize); 3] = [(100, 50), (50, 25), (25, 5)];
@@ -54,7 +54,7 @@ pub fn optimum_touching(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: 
 /// Returns the sum of both limbs' angles over all nodes, degrees.
 pub fn error_deg(arm: &ArmModel, motion: &Motion, goal: &[Limbs]) -> f64 {
     let nodes = motion.states.iter().zip(goal);
-    nodes.map(|(state, goal)| limb_error_deg(&arm.forward(&state.q.into()), goal).iter().sum::<f64>()).sum()
+    nodes.map(|(state, goal)| arm.limb_error_deg(&state.q.into(), goal).iter().sum::<f64>()).sum()
 }
 
 fn search(whole: &Task<'_>, (nodes, kept): (usize, usize), loss: Loss) -> Motion {

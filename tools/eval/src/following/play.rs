@@ -146,7 +146,7 @@ impl Watch<'_> {
 impl Sample {
     pub(crate) fn new(model: &Model, command: &JointCommand) -> Self {
         let arms =
-            |all: &[f64]| model.arms.each_ref().map(|arm| arm.mirrored(&std::array::from_fn(|i| all[arm.joints[i]])));
+            |all: &[f64; messages::JOINTS_MAX]| model.arms.each_ref().map(|arm| arm.mirrored(&arm.limb_values(all)));
         Self { at: deadline(command.k), q: arms(&command.q), v: arms(&command.v) }
     }
 

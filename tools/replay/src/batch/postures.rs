@@ -1,7 +1,7 @@
 //! Converts one pose of both arms to joint positions, with the retargeting's own steps, without its clock.
 
 use messages::JOINTS_MAX;
-use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, PostureSolver, Sample, Weights};
+use retarget::{ARMS, ArmModel, ArmQ, Limbs, PostureSolver, Sample, Weights};
 use robot::{Arm, Model};
 
 /// Data that all poses share.
@@ -46,8 +46,7 @@ impl Postures {
         let mut q = self.home;
         for (arm, solved) in self.arms.iter().zip(arms) {
             // Both arms were solved as left arms.
-            let positions = arm.mirrored(solved);
-            arm.joints[..ARM_Q].iter().zip(positions).for_each(|(joint, position)| q[*joint] = position);
+            arm.set_limbs(&arm.mirrored(solved), &mut q);
         }
         q
     }

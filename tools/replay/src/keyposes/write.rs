@@ -37,14 +37,16 @@ fn rounded<'a>(words: impl Iterator<Item = &'a str>) -> String {
 /// Returns `time_s` and one column per joint, rad, with four decimals: 0.006 degrees.
 pub fn trajectory_csv(trajectory: &Trajectory) -> String {
     let mut out = String::from("time_s");
-    for name in trajectory.joint_names.iter().flatten() {
+    let is_joint = |name: &&String| !name.is_empty();
+    for name in trajectory.joint_names.iter().flatten().filter(is_joint) {
         // Writing to a string cannot fail.
         let _ = write!(out, ",{name}");
     }
     out.push('\n');
     for (i, arms) in trajectory.q.iter().enumerate() {
         out.push_str(&decimals(i as f64 / trajectory.rate_hz, 5));
-        for q in arms.iter().flatten() {
+        let names = trajectory.joint_names.iter().flatten();
+        for (q, _) in arms.iter().flatten().zip(names).filter(|(_, name)| is_joint(name)) {
             let _ = write!(out, ",{}", decimals(*q, 4));
         }
         out.push('\n');
