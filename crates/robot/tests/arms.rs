@@ -165,6 +165,17 @@ fn hand_of_three_joints_reaches_every_rotation() {
     }
 }
 
+/// Joints that turn twice keep one turn, so that home is never a turn away.
+#[test]
+fn joint_that_turns_twice_gets_one_turn() {
+    let (_, _, mut rows) = arms().remove(0);
+    rows[3].2 = [-6.28, 6.28];
+    let model = model("lathe", &rows);
+    let joint = model.arms[0].range().start + 3;
+    assert_eq!((model.urdf_limits[joint].q_max, model.limits[joint].q_max < 3.15), (6.28, true));
+    assert!(model.limits[joint + 1].q_max < 3.1, "the others keep the URDF's");
+}
+
 #[test]
 fn arms_that_no_limb_needs_are_refused_with_bound_and_place() {
     let (_, _, rows) = arms().remove(1);

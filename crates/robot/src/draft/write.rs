@@ -19,6 +19,10 @@ const STOP_S: f64 = 0.3;
 const LIFT_STOP_S: f64 = 0.48;
 /// Share of the URDF's speed that a draft proposes. Assumption: the rest is for the drive to catch up.
 const SPEED_SHARE: f64 = 0.93;
+/// Half of the range that a draft leaves to a joint that can turn farther than once round, and the room that T-pose and home
+/// have in it. Assumptions.
+const HALF_TURN_RAD: f64 = 3.14;
+const HALF_TURN_ROOM_RAD: f64 = 0.3;
 /// Margin inside the URDF's range. Assumption: those of TIAGo++'s robot file.
 const MARGIN_RAD: f64 = 0.02;
 const MARGIN_M: f64 = 0.002;
@@ -79,6 +83,7 @@ pub(super) fn toml(urdf_name: &str, tree: &Tree, found: &Found) -> String {
         );
     }
     supply(&mut out, tree, found);
+    tighten(&mut out, tree, found);
     home(&mut out, tree, found);
     out.push_str("[tasks]\nlimb_orientation_weight = 1.0\n\n# The wrist turns no limb of a person, so it gives way first.\n[tasks.joint_weight]\n");
     for joint in found.arms.iter().flat_map(|arm| &arm[limbs..]) {
@@ -110,6 +115,27 @@ fn supply(out: &mut String, tree: &Tree, found: &Found) {
         let _ = writeln!(out, "{} = {:?}   # decide: the URDF says {}", one.key, one.value, one.stated);
         if found.supplied.get(at + 1).is_none_or(|next| next.joint != one.joint) {
             out.push('\n');
+        }
+    }
+}
+
+/// Narrows the ranges of arms' joints that turn farther than once round. A person's limb turns no joint so far, and an arm that
+/// has turned once too often cannot go on.
+fn tighten(out: &mut String, tree: &Tree, found: &Found) {
+    for (joints, (home, reference)) in found.arms.iter().zip(found.home.iter().zip(&found.reference)) {
+        for (joint, at) in joints.iter().zip(home.iter().zip(&reference.q)) {
+            let limit = &tree.joints[*joint].limit;
+            let needed = at.0.abs().max(at.1.abs()) + HALF_TURN_ROOM_RAD;
+            let past = HALF_TURN_RAD + HALF_TURN_ROOM_RAD;
+            if limit.lower < -past && limit.upper > past && needed < HALF_TURN_RAD {
+                let _ = write!(
+                    out,
+                    "[tighten.{}]   # decide: the URDF's range is more than a turn\nposition_min_rad = {:?}\nposition_max_rad = {:?}\n\n",
+                    key(&tree.joints[*joint].name),
+                    -HALF_TURN_RAD,
+                    HALF_TURN_RAD,
+                );
+            }
         }
     }
 }
