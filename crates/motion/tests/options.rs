@@ -3,6 +3,7 @@
 use clap::{Args, Command};
 use motion::LoadOptions;
 use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 
 /// Options in the texts of a source file: what follows `--` outside of comments.
 fn named(text: &str) -> BTreeSet<String> {
@@ -25,4 +26,35 @@ fn every_option_that_a_message_names_belongs_to_every_program_that_reads_motions
     let unknown: Vec<_> = found.iter().filter(|(option, _)| !known.contains(option.as_str())).collect();
     assert!(unknown.is_empty(), "{unknown:?} is no option of {known:?}");
     assert!(found.len() >= 6, "{found:?}: the sources were not read");
+}
+
+/// Adds the Rust files below a folder that are no tests.
+fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if path.is_dir() && !path.ends_with("tests") {
+            sources(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+#[test]
+fn every_program_passes_these_options_to_the_reader() {
+    let (root, mut files) = (Path::new(env!("CARGO_MANIFEST_DIR")).join("../.."), Vec::new());
+    ["crates", "tools"].iter().for_each(|folder| sources(&root.join(folder), &mut files));
+    let calls = |text: &str, call: &str| {
+        text.lines().filter(|line| !line.trim_start().starts_with("//") && line.contains(call)).count()
+    };
+    let (mut with, mut without) = (0, Vec::new());
+    for file in &files {
+        let text = std::fs::read_to_string(file).expect("a source");
+        with += calls(&text, "load_with(");
+        if calls(&text, "motion::load(") > 0 {
+            without.push(file);
+        }
+    }
+    assert!(without.is_empty(), "{without:?} read motions without options");
+    assert!(with >= 6, "{with}: the sources were not read");
 }

@@ -2,14 +2,14 @@
 
 use crate::error::PosesError;
 use crate::motions::{named_pose, names};
-use motion::{CalibrationMode, Motion};
+use motion::{CalibrationMode, EXTENSIONS, LoadOptions, Motion};
 use retarget::{ARMS, Limbs};
 use std::path::Path;
 
 /// Reads a pose, and returns the limbs of both arms, each as those of a left arm. The text is `file.bvh:frame`
 /// (0 is the first frame of motion), `file.bvh@time_s` (the nearest frame) or a name (`t-pose`, `hands-up`,
-/// ..., `rest`). Hinges of files are calibrated by `calibration`.
-pub fn read_pose(text: &str, calibration: CalibrationMode) -> Result<[Limbs; ARMS], PosesError> {
+/// ..., `rest`). Any motion file serves, read with the options `load`. Hinges of files are calibrated by `calibration`.
+pub fn read_pose(text: &str, calibration: CalibrationMode, load: &LoadOptions) -> Result<[Limbs; ARMS], PosesError> {
     let refuse = |reason: String| PosesError::Pose { text: text.to_owned(), reason };
     if let Some(frame) = named_pose(text) {
         let motion = Motion::generated(text, crate::motions::RATE_HZ, vec![frame]);
@@ -17,10 +17,12 @@ pub fn read_pose(text: &str, calibration: CalibrationMode) -> Result<[Limbs; ARM
     }
     let Some(end) = file_end(text) else {
         let allowed = names().join(", ");
-        return Err(refuse(format!("must be FILE.bvh:FRAME, FILE.bvh@TIME_S, or one of rest, {allowed}")));
+        return Err(refuse(format!(
+            "must be FILE.bvh:FRAME, FILE.bvh@TIME_S (any motion file), or one of rest, {allowed}"
+        )));
     };
     let (file, place) = text.split_at(end);
-    let motion = motion::load(Path::new(file))?;
+    let motion = motion::load_with(Path::new(file), load)?;
     let last = motion.frames.len().saturating_sub(1);
     let index = if let Some(frame) = place.strip_prefix(':') {
         let frame = frame.parse::<usize>().ok().filter(|frame| *frame <= last);
@@ -42,7 +44,9 @@ pub fn file_of(text: &str) -> Option<&Path> {
 }
 
 fn file_end(text: &str) -> Option<usize> {
-    text.to_ascii_lowercase().rfind(".bvh").map(|at| at + ".bvh".len())
+    let text = text.to_ascii_lowercase();
+    let end = |extension: &str| Some(text.rfind(&format!(".{extension}"))? + 1 + extension.len());
+    EXTENSIONS.into_iter().filter_map(end).max()
 }
 
 /// Computes all frames up to `index`. A hinge that is kept over straight elbows depends on the earlier frames.

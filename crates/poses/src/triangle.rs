@@ -7,7 +7,7 @@ use crate::person::standing;
 use crate::pose::read_pose;
 use crate::trajectory::person;
 use messages::{HingeCalibration, RawSkeleton};
-use motion::{CalibrationMode, Frame, Motion};
+use motion::{CalibrationMode, Frame, LoadOptions, Motion};
 use retarget::{ARMS, ArmQ, Network};
 use robot::Model;
 
@@ -37,8 +37,11 @@ impl Triangle {
             let reason = format!("{} poses; a triangle needs 3", poses.len());
             PosesError::Pose { text: poses.join(","), reason }
         })?;
-        let limbs =
-            poses.iter().map(|text| read_pose(text, CalibrationMode::First10s)).collect::<Result<Vec<_>, _>>()?;
+        let load = LoadOptions::default();
+        let limbs = poses
+            .iter()
+            .map(|text| read_pose(text, CalibrationMode::First10s, &load))
+            .collect::<Result<Vec<_>, _>>()?;
         let standing = standing();
         let motion = Motion::generated(&poses.join(","), crate::motions::RATE_HZ, vec![standing]);
         let calibration = motion::calibrate(&motion, CalibrationMode::Rig);

@@ -4,7 +4,7 @@
 
 use config::{Loaded, Overrides};
 use messages::{RawSkeleton, Stamp};
-use motion::CalibrationMode;
+use motion::{CalibrationMode, LoadOptions};
 use poses::pose::read_pose;
 use poses::triangle::{POSES, Triangle};
 use retarget::{ARMS, ArmModel, ArmQ, Limbs, PRIOR_WEIGHT, features, limb_error_deg, refine};
@@ -27,7 +27,7 @@ fn corner(n: usize) -> [f64; 3] {
 }
 
 fn limbs(pose: &str) -> [Limbs; ARMS] {
-    read_pose(pose, CalibrationMode::First10s).expect("a pose")
+    read_pose(pose, CalibrationMode::First10s, &LoadOptions::default()).expect("a pose")
 }
 
 /// Returns the robot at home, except for the arms' joints 1 to 5.

@@ -1,7 +1,7 @@
 //! Interpolation: it goes through the poses, is monotone between them and playable, and errors name bad input.
 #![expect(clippy::needless_range_loop, reason = "sides, joints and rows are clearer by their indices")]
 
-use motion::{CalibrationMode, calibrate, limbs};
+use motion::{CalibrationMode, LoadOptions, calibrate, limbs};
 use poses::pose::read_pose;
 use poses::trajectory::{Trajectory, read_csv, to_motion};
 use replay::keyposes::interpolate::{Options, Space, interpolate};
@@ -23,7 +23,10 @@ fn robot() -> (Model, Network) {
 }
 
 fn poses(names: &[&str]) -> Vec<[Limbs; 2]> {
-    names.iter().map(|name| read_pose(name, CalibrationMode::First10s).expect("a pose")).collect()
+    names
+        .iter()
+        .map(|name| read_pose(name, CalibrationMode::First10s, &LoadOptions::default()).expect("a pose"))
+        .collect()
 }
 
 fn between(space: Space, names: &[&str]) -> Trajectory {
@@ -148,16 +151,23 @@ fn interpolate_writes_both_files_and_refuses_bad_poses() {
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     assert_eq!(std::fs::read_to_string(&out).expect("the trajectory").lines().count(), 242);
     assert_eq!(motion::load(&out.with_extension("bvh")).expect("the motion").frames.len(), 241);
+    // The same frame by its number, and by its time at another rate.
+    let written = [
+        &["t-pose", "tools/replay/motions/clap.bvh:180", "--calibration", "rig"][..],
+        &["t-pose", "tools/replay/motions/clap.bvh@6", "--calibration", "rig", "--frame-rate", "30"],
+    ]
+    .map(|arguments| (run(arguments).status.success(), std::fs::read_to_string(&out).expect("the trajectory")));
+    assert!(written[0].0 && written[0] == written[1], "--frame-rate changes the time of a frame");
     for (arguments, expected) in [
         (["t-pose", "headstand"], "pose headstand: must be FILE.bvh:FRAME"),
         (["t-pose", "tools/replay/motions/clap.bvh:9999"], "\"9999\" is not a frame of 0 to 306"),
         (["t-pose", "tools/replay/motions/clap.bvh@6"], "\"6\" is not a time of 0 to 5.100 s"),
         (["t-pose", "tools/replay/motions/clap.bvh"], "needs a frame or a time"),
-        (["t-pose", "missing.bvh:1"], "missing.bvh: there is no such file. Check the path"),
+        (["t-pose", "missing.npz:1"], "missing.npz: there is no such file. Check the path"),
     ] {
         let refused = run(&arguments);
         let text = String::from_utf8_lossy(&refused.stderr).into_owned();
-        let code = if text.contains("missing.bvh") { 66 } else { 64 };
+        let code = if text.contains("missing.npz") { 66 } else { 64 };
         assert!(refused.status.code() == Some(code) && text.contains(expected), "{text}");
     }
     for [option, missing, named] in [["--robot", "no.toml", "no.toml"], ["--weights", "no", "no.safetensors"]] {

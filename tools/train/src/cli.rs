@@ -6,7 +6,7 @@ use crate::optimiser::Schedule;
 use crate::sampling::Mixture;
 use crate::session::Options;
 use clap::{Parser, ValueEnum};
-use motion::CalibrationMode;
+use motion::{CalibrationMode, LoadOptions};
 use report::out_of_bounds;
 use rt::Failure;
 use std::path::PathBuf;
@@ -57,6 +57,8 @@ pub struct Cli {
     /// Part of each clip in which the elbow hinges are estimated
     #[arg(long, value_name = "clip|first-10s", default_value = "first-10s", value_parser = calibration)]
     pub calibration: CalibrationMode,
+    #[command(flatten)]
+    pub load: LoadOptions,
 }
 
 /// Length of a training.

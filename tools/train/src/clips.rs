@@ -3,7 +3,7 @@
 use crate::kinematics::Limbs;
 use crate::sampling::Recorded;
 use messages::LIMBS;
-use motion::{CalibrationMode, Motion};
+use motion::{CalibrationMode, LoadOptions, Motion};
 use rt::{Exit, Failure};
 use std::path::Path;
 
@@ -41,11 +41,11 @@ pub struct Clips {
 
 impl Clips {
     /// Reads all motion files of `folder`. A file that cannot be read, or has no rotations, is skipped and listed.
-    pub fn read(folder: &Path, calibration: CalibrationMode) -> Result<Self, Failure> {
+    pub fn read(folder: &Path, calibration: CalibrationMode, load: &LoadOptions) -> Result<Self, Failure> {
         let files = motion::motion_files(folder).map_err(Failure::with(Exit::NoInput))?;
         let mut clips = Self { training: Vec::new(), validation: Vec::new(), skipped: Vec::new() };
         for (index, file) in files.iter().enumerate() {
-            match read_clip(file, calibration) {
+            match read_clip(file, calibration, load) {
                 Err(reason) => clips.skipped.push((file.display().to_string(), reason)),
                 Ok(clip) if is_validation(index) => clips.validation.push(clip),
                 Ok(clip) => clips.training.push(clip),
@@ -73,8 +73,8 @@ impl Clips {
     }
 }
 
-fn read_clip(file: &Path, calibration: CalibrationMode) -> Result<Clip, String> {
-    let motion = motion::load(file).map_err(|error| error.to_string())?;
+fn read_clip(file: &Path, calibration: CalibrationMode, load: &LoadOptions) -> Result<Clip, String> {
+    let motion = motion::load_with(file, load).map_err(|error| error.to_string())?;
     if !motion.has_rotations {
         return Err("has no rotations, so the twist of its limbs is unknown".into());
     }

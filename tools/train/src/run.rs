@@ -33,7 +33,7 @@ pub fn run(cli: &Cli) -> Result<(), Failure> {
         let steps = cli.steps.unwrap_or(LIFTER_STEPS);
         return lifting::learn(&cli.out, &cli.human, pairs, validation, steps, cli.seed);
     }
-    let clips = Clips::read(&cli.human, cli.calibration)?;
+    let clips = Clips::read(&cli.human, cli.calibration, &cli.load)?;
     report(&clips);
     let out = cli.out.as_path();
     if cli.prediction {

@@ -1,6 +1,6 @@
 //! Checks how a folder of motion files is read.
 
-use motion::CalibrationMode;
+use motion::{CalibrationMode, LoadOptions};
 use std::path::Path;
 use train::clips::Clips;
 use train::kinematics::{limb_degrees, rotate};
@@ -15,7 +15,8 @@ fn folder_of(count: usize) -> tempfile::TempDir {
 
 #[test]
 fn missing_clip_folder_is_refused_by_path() {
-    let error = Clips::read(Path::new("/nowhere/at/all"), CalibrationMode::Clip).expect_err("is refused");
+    let error = Clips::read(Path::new("/nowhere/at/all"), CalibrationMode::Clip, &LoadOptions::default())
+        .expect_err("is refused");
     assert!(error.to_string().contains("/nowhere/at/all"), "{error}");
     assert_eq!(error.exit, rt::Exit::NoInput);
 }
@@ -23,16 +24,31 @@ fn missing_clip_folder_is_refused_by_path() {
 #[test]
 fn folder_without_usable_clips_is_refused_with_every_file() {
     let folder = folder_of(4);
-    let text = Clips::read(folder.path(), CalibrationMode::Clip).expect_err("is refused").to_string();
+    let text =
+        Clips::read(folder.path(), CalibrationMode::Clip, &LoadOptions::default()).expect_err("is refused").to_string();
     assert!(text.contains("0 of 4 motion files are usable"), "{text}");
     assert!((0..4).all(|i| text.contains(&format!("{i}.bvh:"))), "{text}");
+}
+
+#[test]
+fn clips_are_read_with_the_options_of_the_command() {
+    let folder = folder_of(0);
+    for name in ["a", "b", "c"] {
+        motion::save_bvh(&motion::builtin(), &folder.path().join(format!("{name}.bvh"))).expect("written");
+    }
+    let load = LoadOptions { frame_rate_hz: Some(30.0), ..LoadOptions::default() };
+    let clips = Clips::read(folder.path(), CalibrationMode::Rig, &load).expect("three clips");
+    assert_eq!(clips.training.iter().map(|clip| clip.frame_rate_hz).collect::<Vec<_>>(), [30.0, 30.0]);
+    let load = LoadOptions { mirror: true, ..LoadOptions::default() };
+    let text = Clips::read(folder.path(), CalibrationMode::Rig, &load).expect_err("no mirror image").to_string();
+    assert!(text.contains("--mirror is given, but the body is not mirrored"), "{text}");
 }
 
 #[test]
 #[ignore = "needs the clips of CMU in ../shared/motions/cmu"]
 fn recorded_clips_are_split_as_in_the_published_figures() {
     let recorded = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/motions/cmu");
-    let clips = Clips::read(&recorded, CalibrationMode::Clip).expect("the clips can be read");
+    let clips = Clips::read(&recorded, CalibrationMode::Clip, &LoadOptions::default()).expect("the clips can be read");
     let names: Vec<&str> = clips.validation.iter().map(|clip| clip.name.as_str()).collect();
     let published = [
         "001_14", "002_05", "002_10", "005_03", "005_08", "005_13", "005_18", "006_03", "006_08", "006_14", "007_04",

@@ -7,7 +7,7 @@ pub mod write;
 use clap::{Args, Parser, Subcommand};
 use config::RobotChoice;
 use interpolate::{Options, Space};
-use motion::CalibrationMode;
+use motion::{CalibrationMode, LoadOptions};
 use poses::error::PosesError;
 use poses::{motions, pose, trajectory};
 use retarget::Network;
@@ -42,7 +42,7 @@ enum Command {
 
 #[derive(Args, Debug)]
 struct Interpolate {
-    /// Poses: FILE.bvh:FRAME, FILE.bvh@TIME_S, or a name: rest, t-pose, hands-up, ... (see `keyposes motions`).
+    /// Poses: FILE.bvh:FRAME or FILE.bvh@TIME_S (any motion file), or a name: rest, t-pose, hands-up, ... (see `keyposes motions`).
     #[arg(required = true, num_args = 2..)]
     poses: Vec<String>,
     /// Time from each pose to the next, s, 0.05 to 60.
@@ -63,6 +63,8 @@ struct Interpolate {
     /// Source of the elbow hinges of files: their first 10 s, all of them, the momentary elbow plane, the rig.
     #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
     calibration: CalibrationMode,
+    #[command(flatten)]
+    load: LoadOptions,
     /// The robot: a name of config/robots, or a robot file.
     #[arg(long, value_name = "NAME|FILE", default_value = "tiago_dual")]
     robot: RobotChoice,
@@ -142,7 +144,7 @@ fn write_motions(out: &Path, robot: &RobotChoice) -> Result<(), Failure> {
 }
 
 fn write_interpolation(arguments: &Interpolate) -> Result<(), Failure> {
-    let Interpolate { out, calibration, seconds, rate, space, refine_steps, .. } = arguments;
+    let Interpolate { out, calibration, load, seconds, rate, space, refine_steps, .. } = arguments;
     let beside = out.with_extension("bvh");
     if beside == *out {
         let reason = "the motion beside the trajectory would have the same name; give a name with .csv".to_owned();
@@ -154,8 +156,8 @@ fn write_interpolation(arguments: &Interpolate) -> Result<(), Failure> {
     let model = load_model(&arguments.robot)?;
     let weights = arguments.weights.clone().unwrap_or_else(|| arguments.robot.shipped_weights());
     let network = load_network(&weights, &model)?;
-    let poses = arguments.poses.iter().map(|text| pose::read_pose(text, *calibration)).collect::<Result<Vec<_>, _>>();
-    let poses = poses.map_err(refused)?;
+    let poses = arguments.poses.iter().map(|text| pose::read_pose(text, *calibration, load));
+    let poses = poses.collect::<Result<Vec<_>, _>>().map_err(refused)?;
     let options = Options { seconds: *seconds, rate_hz: *rate, space: *space, refine_steps: *refine_steps };
     let found = interpolate::interpolate(&model, &network, &poses, &options)?;
     save(out, &write::trajectory_csv(&found))?;
