@@ -42,14 +42,6 @@ pub enum McapError {
     Read { cause: String },
     #[error("names more than {bound} channels or schemas, or their names have more than {bytes} bytes")]
     Channels { bound: usize, bytes: usize },
-    #[error("the chunk or record at byte {offset} claims to have {bytes} bytes; the limit is {bound}")]
-    Chunk {
-        /// Its start in the file.
-        offset: u64,
-        /// Its length, before compression.
-        bytes: u64,
-        bound: u64,
-    },
     #[error("decompresses to {bytes} bytes within the first {offset}; the limit is {bound}")]
     Unpacked {
         /// Bytes read so far: the start of the chunk that is too much.
@@ -94,6 +86,11 @@ pub enum ArrayError {
     Type { found: String },
     #[error("shape {shape:?} has more than {bound} numbers")]
     TooLarge { shape: Vec<usize>, bound: usize },
+    #[error(
+        "shape {shape:?} has more than {bound} numbers, the most that an archive of {bytes} bytes may unpack to; save it without \
+         compression (numpy.savez)"
+    )]
+    Packed { shape: Vec<usize>, bound: usize, bytes: u64 },
     #[error("{frames} frames, at most {bound} are allowed")]
     TooManyFrames { frames: usize, bound: usize },
     #[error("shape {shape:?} needs {claimed} bytes, and {found} follow")]

@@ -212,8 +212,10 @@ impl<R: Read + Seek> Reader<R> {
         })?;
         let cause = unpacked.err().or(is_early.then(|| "a message is earlier than its chunk".to_owned()));
         if let Some(cause) = cause {
-            let first = self.parts.list.iter().map(|part| part.begin_ns).find(|&begin_ns| begin_ns > 0);
-            let at_s = part.begin_ns.saturating_sub(first.unwrap_or_default()) as f64 * 1e-9;
+            // They are in the order of their times. Damaged ones may have none.
+            let first = self.parts.list.partition_point(|part| part.begin_ns == 0);
+            let first_ns = self.parts.list.get(first).map_or(0, |part| part.begin_ns);
+            let at_s = part.begin_ns.saturating_sub(first_ns) as f64 * 1e-9;
             self.parts.lost.push(format!("the chunk at byte {}, from {at_s:.3} s on, is damaged: {cause}", part.at));
             self.settle();
             return Ok(());

@@ -191,7 +191,9 @@ impl<R: Read + Seek> Parts<R> {
                 return Ok(self.end);
             }
             op::SCHEMA | op::CHANNEL | op::METADATA | op::STATISTICS => {
-                self.bounded(at, length)?;
+                if length > CHUNK_BYTES_MAX {
+                    return Ok(None);
+                }
                 self.fill(at + HEAD, length)?;
                 let Ok(record) = parse_record(opcode, &self.bytes).map(Record::into_owned) else { return Ok(None) };
                 match record {
@@ -207,13 +209,6 @@ impl<R: Read + Seek> Parts<R> {
         Ok(Some(next))
     }
 
-    fn bounded(&self, at: u64, bytes: u64) -> Result<(), McapError> {
-        if bytes > CHUNK_BYTES_MAX {
-            return Err(McapError::Chunk { offset: at, bytes, bound: CHUNK_BYTES_MAX });
-        }
-        Ok(())
-    }
-
     fn chunk(&mut self, at: u64, length: u64) -> Result<bool, McapError> {
         self.fill(at + HEAD, length.min(CHUNK_HEAD + PACKING_MAX))?;
         let Some((head, packed)) = packed(&self.bytes) else { return Ok(false) };
@@ -221,7 +216,13 @@ impl<R: Read + Seek> Parts<R> {
             return Ok(false);
         }
         let (begin_ns, unpacked) = (number(&self.bytes, 0), number(&self.bytes, 16));
-        self.bounded(at, unpacked.max(packed))?;
+        let (bytes, bound) = (unpacked.max(packed), CHUNK_BYTES_MAX);
+        if bytes > bound {
+            // A flipped bit, or a writer of larger chunks. The other chunks are read.
+            let bound = format!("at most {bound} are read (`pymcap-cli rechunk` writes smaller ones)");
+            self.lost.push(format!("the chunk at byte {at} claims to unpack to {bytes} bytes, {bound}"));
+            return Ok(true);
+        }
         self.unpacked += unpacked;
         let bound = CHUNK_BYTES_MAX.saturating_add(at.saturating_mul(RATIO_MAX));
         if self.unpacked > bound {
@@ -232,8 +233,7 @@ impl<R: Read + Seek> Parts<R> {
     }
 
     fn message(&mut self, at: u64, length: u64) -> Result<bool, McapError> {
-        self.bounded(at, length)?;
-        if length < MESSAGE_HEAD {
+        if !(MESSAGE_HEAD..=CHUNK_BYTES_MAX).contains(&length) {
             return Ok(false);
         }
         self.fill(at + HEAD, MESSAGE_HEAD)?;
