@@ -4,11 +4,14 @@
 //! It reads only plain numbers. Object arrays are pickles, which can run code when loaded, so it rejects them.
 
 use crate::error::ArrayError;
-use std::io::{Read, Seek, Write};
+use std::io::{Read, Seek, SeekFrom, Write};
 
 /// Most numbers in one array: the largest frame count, with frames as wide as those of SMPL-X. Each number
 /// becomes 8 bytes, whatever its type in the file. This bounds the size of an unpacked file.
 pub const ARRAY_VALUES_MAX: usize = crate::FRAMES_MAX * 165;
+/// Numbers that an array of an archive may have, and those for each byte of the archive in addition. Zeros pack to a thousandth
+/// of their length. Numbers that were measured pack to some bytes each. Assumption: a still person, a tenth of that.
+const PACKED_VALUES: [usize; 2] = [1_500_000, 3];
 /// Bytes per read, a multiple of every number's length.
 const CHUNK_BYTES: usize = 1 << 16;
 /// Longest header. NumPy's own readers accept 10,000 characters, and arrays of plain numbers need about 100.
@@ -87,12 +90,23 @@ fn half(bits: u16) -> f64 {
 
 /// Reads a .npy of f16, f32, f64 or integers, either byte order, row- or column-major. Reserves memory only for data
 /// that the source delivers. Bytes after the array stay unread.
-pub fn read_npy(mut source: impl Read) -> Result<Array, ArrayError> {
+pub fn read_npy(source: impl Read) -> Result<Array, ArrayError> {
+    read_bounded(source, None)
+}
+
+/// Like [`read_npy`], for an array of an archive of so many bytes.
+fn read_bounded(mut source: impl Read, packed: Option<u64>) -> Result<Array, ArrayError> {
     let header = parse_header(&read_header(&mut source)?)?;
     let bytes = header.number.bytes();
     let too_large = || ArrayError::TooLarge { shape: header.shape.clone(), bound: ARRAY_VALUES_MAX };
     let count = header.shape.iter().try_fold(1usize, |product, &n| product.checked_mul(n)).ok_or_else(too_large)?;
     let count = Some(count).filter(|&count| count <= ARRAY_VALUES_MAX).ok_or_else(too_large)?;
+    if let Some(bytes) = packed {
+        let bound = PACKED_VALUES[0] + PACKED_VALUES[1] * bytes.min(1 << 40) as usize;
+        if count > bound {
+            return Err(ArrayError::Packed { shape: header.shape, bound, bytes });
+        }
+    }
     let claimed = count * bytes;
     let mut values: Vec<f64> = Vec::new();
     let mut raw = Vec::with_capacity(CHUNK_BYTES);
@@ -216,13 +230,15 @@ pub(crate) fn check_numbers(values: &[f64], width: usize, bound: f64) -> Result<
 /// An open .npz: a zip archive with one .npy per key.
 pub struct Npz<R: Read + Seek> {
     archive: zip::ZipArchive<R>,
+    bytes: u64,
 }
 
 impl<R: Read + Seek> Npz<R> {
     /// Reads the archive's directory, but no array.
-    pub fn open(source: R) -> Result<Self, ArrayError> {
+    pub fn open(mut source: R) -> Result<Self, ArrayError> {
+        let bytes = source.seek(SeekFrom::End(0)).map_err(|error| ArrayError::Damaged { cause: error.to_string() })?;
         let archive = zip::ZipArchive::new(source).map_err(|error| ArrayError::NotZip { cause: error.to_string() })?;
-        Ok(Self { archive })
+        Ok(Self { archive, bytes })
     }
 
     /// Returns the keys in the archive's order, shortened, at most 40.
@@ -234,12 +250,13 @@ impl<R: Read + Seek> Npz<R> {
     /// Returns the array of this key. `None` if there is no such key.
     pub fn read(&mut self, key: &str) -> Result<Option<Array>, ArrayError> {
         let damaged = |cause: String| ArrayError::Damaged { cause }.in_key(key);
+        let packed = Some(self.bytes);
         let mut file = match self.archive.by_name(&format!("{key}.npy")) {
             Ok(file) => file,
             Err(zip::result::ZipError::FileNotFound) => return Ok(None),
             Err(error) => return Err(damaged(error.to_string())),
         };
-        let array = read_npy(&mut file).map_err(|error| error.in_key(key))?;
+        let array = read_bounded(&mut file, packed).map_err(|error| error.in_key(key))?;
         // The end of the entry is reached here, so the library compares the archive's checksum.
         match file.read(&mut [0]) {
             Ok(0) => Ok(Some(array)),

@@ -9,7 +9,7 @@ use skeleton::slerp;
 /// Br J Sports Med 39, 2005, 710).
 const WRIST_M_PER_S: [f64; 2] = [0.3, 12.0];
 
-/// Relative error of a rate from a time that is written as 0.033333 s. Also covers rounding.
+/// Relative error of a rate from a time that is written as 0.033333 s. Also covers rounding. It adds no whole frame.
 const RATE_ERROR: f64 = 1.1e-5;
 
 /// Resamples a source below [`RATE_MIN_HZ`] to [`RATE_UPSAMPLED_HZ`]. Rotations use slerp, bones are mixed by
@@ -25,7 +25,7 @@ pub fn upsample(motion: &Motion) -> Motion {
 /// a time between frames that a file writes with six digits.
 pub(crate) fn resampled_count(frames: usize, from_hz: f64, to_hz: f64) -> usize {
     let steps = frames.saturating_sub(1) as f64 * to_hz / from_hz;
-    (steps * (1.0 + RATE_ERROR)).floor() as usize + 1
+    (steps + (RATE_ERROR * steps).min(0.5)).floor() as usize + 1
 }
 
 /// Number of frames of such a motion after [`upsample`].
