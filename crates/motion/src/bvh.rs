@@ -183,14 +183,14 @@ fn parse_channels(scan: &mut Scan<'_>) -> Result<Vec<Channel>, BvhError> {
 
 fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Result<(f64, Vec<RigFrame>), BvhError> {
     scan.expect("MOTION")?;
-    scan.expect("Frames:")?;
+    scan.expect_label("Frames:")?;
     let line = scan.line();
     let frames = scan.count("Frames", FRAMES_MAX as u64)?;
     if frames < 2 {
         return Err(BvhError::TooFewFrames { line, frames });
     }
     scan.expect("Frame")?;
-    scan.expect("Time:")?;
+    scan.expect_label("Time:")?;
     let time_line = scan.line();
     let frame_time_s = scan.any_number("Frame Time")?;
     let [low_s, high_s] = FRAME_TIME_S;

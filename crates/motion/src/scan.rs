@@ -55,7 +55,7 @@ impl<'a> Scan<'a> {
     /// Returns the rest of this line, trimmed. Names may contain spaces.
     pub(crate) fn rest_of_line(&mut self) -> &'a [u8] {
         let rest = &self.text[self.at..];
-        let length = rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len());
+        let length = rest.iter().position(|&b| b == b'\n' || b == b'\r').unwrap_or(rest.len());
         // A brace on the same line belongs to the grammar.
         let length = rest[..length].iter().position(|&b| b == b'{').unwrap_or(length);
         self.at += length;
@@ -68,6 +68,24 @@ impl<'a> Scan<'a> {
         if found.eq_ignore_ascii_case(word.as_bytes()) { Ok(()) } else { Err(self.unexpected(found, word)) }
     }
 
+    /// Expects this word and a colon, which may stand apart, and before a number without a blank.
+    pub(crate) fn expect_label(&mut self, label: &'static str) -> Result<(), BvhError> {
+        self.skip_space();
+        let word = label.trim_end_matches(':');
+        let begins =
+            self.text[self.at..].get(..word.len()).is_some_and(|text| text.eq_ignore_ascii_case(word.as_bytes()));
+        let before = self.at;
+        self.at += if begins { word.len() } else { 0 };
+        self.skip_space();
+        if begins && self.text.get(self.at) == Some(&b':') {
+            self.at += 1;
+            return Ok(());
+        }
+        self.at = before;
+        let found = self.expect_word(label)?;
+        Err(self.unexpected(found, label))
+    }
+
     pub(crate) fn unexpected(&self, found: &[u8], expected: &'static str) -> BvhError {
         BvhError::Unexpected { line: self.line, found: excerpt(found), expected }
     }
@@ -75,7 +93,9 @@ impl<'a> Scan<'a> {
     /// Returns the next word as a number, which may be infinite or NaN.
     pub(crate) fn any_number(&mut self, what: &'static str) -> Result<f64, BvhError> {
         let word = self.expect_word(what)?;
-        let value = std::str::from_utf8(word).ok().and_then(|text| text.parse::<f64>().ok());
+        // Some exporters write the decimal comma of their user's language.
+        let parse = |text: &str| text.parse().or_else(|_| text.replacen(',', ".", 1).parse::<f64>()).ok();
+        let value = std::str::from_utf8(word).ok().and_then(parse);
         value.ok_or_else(|| BvhError::NotANumber { line: self.line, found: excerpt(word), what })
     }
 

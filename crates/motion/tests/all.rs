@@ -6,6 +6,7 @@ mod builtin;
 mod bvh;
 mod estimates;
 mod options;
+mod reader;
 mod recordings;
 mod rigs;
 mod writers;

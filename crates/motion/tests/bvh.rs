@@ -83,30 +83,6 @@ fn bvh_unit_is_guessed_and_unknown_unit_is_scaled() {
     assert_eq!(read.guesses.warnings.len(), 1);
 }
 
-/// Puts the file under another root that turns it about X by `degrees`. With 90, Z is up.
-fn under_a_root(text: &str, degrees: f64) -> String {
-    let (hierarchy, motion) = text.split_once("MOTION").expect("two parts");
-    let hierarchy = hierarchy.replace("HIERARCHY\nROOT", "JOINT");
-    let root = "HIERARCHY\nROOT RL_BoneRoot\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Yrotation Xrotation\n";
-    let lines = motion.trim().lines();
-    let turn = |(i, line): (usize, &str)| {
-        if i < 2 { line.to_owned() } else { format!("0 0 {degrees} {line}") }
-    };
-    let lines: Vec<String> = lines.enumerate().map(turn).collect();
-    format!("{root}{hierarchy}}}\nMOTION\n{}\n", lines.join("\n"))
-}
-
-#[test]
-fn up_axis_is_found_in_every_direction() {
-    let motion = short();
-    for (degrees, up) in [(0.0, "+Y"), (90.0, "+Z"), (180.0, "-Y"), (-90.0, "-Z")] {
-        let text = under_a_root(&write_bvh(&motion), degrees);
-        let read = parse_bvh("up", text.as_bytes()).unwrap_or_else(|e| panic!("{up}: {e}"));
-        assert_eq!(read.guesses.up, up);
-        assert_same(&motion, &read);
-    }
-}
-
 /// The built-in person of `short`, whose whole body turns about the left axis by these angles, one for each frame, degrees.
 fn turned(angles: impl Fn(usize) -> f64, place: [f32; 3]) -> String {
     let mut motion = short();
@@ -157,33 +133,6 @@ fn first_frame_that_is_motion_is_kept() {
         assert!(read.first.is_some());
         assert_same(&slow, &read);
     }
-}
-
-#[test]
-fn channels_apply_in_file_order() {
-    let motion = short();
-    let text = write_bvh(&motion);
-    let (hierarchy, frames) = text.split_once("Frame Time: ").expect("two parts");
-    let hierarchy = hierarchy.replace(
-        "Xposition Yposition Zposition Zrotation Yrotation Xrotation",
-        "Yrotation Xrotation Zrotation Zposition Xposition Yposition",
-    );
-    let mut lines = frames.lines();
-    let mut out = format!("{hierarchy}Frame Time: {}\n", lines.next().expect("a time"));
-    for line in lines {
-        let numbers: Vec<f64> = line.split_whitespace().map(|w| w.parse().expect("a number")).collect();
-        for n in numbers.chunks(6) {
-            let [z, y, x] = [n[3], n[4], n[5]].map(f64::to_radians);
-            let m = *Rotation3::from_euler_angles(x, y, z).matrix();
-            // R = Ry(a) Rx(b) Rz(c)
-            let b = (-m[(1, 2)]).asin().to_degrees();
-            let a = m[(0, 2)].atan2(m[(2, 2)]).to_degrees();
-            let c = m[(1, 0)].atan2(m[(1, 1)]).to_degrees();
-            out += &format!("{a:.7} {b:.7} {c:.7} {} {} {} ", n[2], n[0], n[1]);
-        }
-        out += "\n";
-    }
-    assert_same(&motion, &parse_bvh("order", out.as_bytes()).expect("another order"));
 }
 
 #[test]
