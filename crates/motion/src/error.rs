@@ -13,7 +13,7 @@ pub enum MotionError {
     UnknownFormat { file: String, extension: String },
     #[error("{file} is a folder; name one motion file in it (.bvh, .npy, .npz or .mcap)")]
     Folder { file: String },
-    #[error("{file}: {bytes} bytes, at most {bound}")]
+    #[error("{file}: {bytes} bytes, at most {bound} are read; split it into parts")]
     TooLarge { file: String, bytes: u64, bound: u64 },
     #[error("{file}: {source}")]
     Bvh { file: String, source: BvhError },
@@ -36,13 +36,19 @@ pub enum MotionError {
 #[derive(Clone, Debug, Error, PartialEq)]
 #[allow(missing_docs, reason = "the texts name the fields")]
 pub enum McapError {
-    #[error("is not an MCAP file: {cause}")]
+    #[error("is not an MCAP file: {cause}; `record` writes one")]
     NotMcap { cause: String },
-    #[error("cannot be read: {cause}")]
+    #[error("cannot be read: {cause}; copy it to another disk")]
     Read { cause: String },
-    #[error("names more than {bound} channels or schemas, or their names have more than {bytes} bytes")]
+    #[error(
+        "names more than {bound} channels or schemas, or their names have more than {bytes} bytes; `pymcap-cli filter` \
+         leaves topics out"
+    )]
     Channels { bound: usize, bytes: usize },
-    #[error("decompresses to {bytes} bytes within the first {offset}; the limit is {bound}")]
+    #[error(
+        "decompresses to {bytes} bytes within the first {offset}; the limit is {bound}; `pymcap-cli decompress` writes it \
+         without compression"
+    )]
     Unpacked {
         /// Bytes read so far: the start of the chunk that is too much.
         offset: u64,
@@ -55,7 +61,7 @@ pub enum McapError {
          `pymcap-cli sort` writes them in that order"
     )]
     Disorder { bytes: u64, bound: u64 },
-    #[error("holds more than {bound} skeletons")]
+    #[error("holds more than {bound} skeletons; `pymcap-cli split` writes parts")]
     Frames { bound: usize },
     #[error(
         "holds {count} skeletons of the schema {layout} (`record` writes them), at least 2 are needed; its topics are {topics}{broken}"
@@ -74,32 +80,32 @@ pub enum McapError {
 #[derive(Clone, Debug, Error, PartialEq)]
 #[allow(missing_docs, reason = "the texts name the fields")]
 pub enum ArrayError {
-    #[error("is not a .npy file (it does not begin with \\x93NUMPY and a version)")]
+    #[error("is not a .npy file (it does not begin with \\x93NUMPY and a version); numpy.save writes one")]
     NotNpy,
-    #[error("is not a .npz file: {cause}")]
+    #[error("is not a .npz file: {cause}; numpy.savez writes one")]
     NotZip { cause: String },
-    #[error("the .npy header is damaged: {cause}")]
+    #[error("the .npy header is damaged: {cause}; save the array again, with numpy.save")]
     Header { cause: String },
     #[error(
-        "numbers of type {found} are not supported; f2, f4, f8 and integers are (objects are pickles, and never read)"
+        "numbers of type {found} are not supported; save f2, f4, f8 or integers (objects are pickles, and never read)"
     )]
     Type { found: String },
-    #[error("shape {shape:?} has more than {bound} numbers")]
+    #[error("shape {shape:?} has more than {bound} numbers; split it into parts")]
     TooLarge { shape: Vec<usize>, bound: usize },
     #[error(
         "shape {shape:?} has more than {bound} numbers, the most that an archive of {bytes} bytes may unpack to; save it without \
          compression (numpy.savez)"
     )]
     Packed { shape: Vec<usize>, bound: usize, bytes: u64 },
-    #[error("{frames} frames, at most {bound} are allowed")]
+    #[error("{frames} frames, at most {bound} are allowed; split the file")]
     TooManyFrames { frames: usize, bound: usize },
-    #[error("shape {shape:?} needs {claimed} bytes, and {found} follow")]
+    #[error("shape {shape:?} needs {claimed} bytes, and {found} follow: the file was cut; copy or save it again")]
     Short { shape: Vec<usize>, found: u64, claimed: u64 },
-    #[error("is damaged: {cause}")]
+    #[error("is damaged: {cause}; copy or save it again")]
     Damaged { cause: String },
     #[error("{key}: {source}")]
     Key { key: String, source: Box<ArrayError> },
-    #[error("has no {missing}; its keys are {}", .found.join(", "))]
+    #[error("has no {missing}; its keys are {}; save it with them, by numpy.savez", .found.join(", "))]
     MissingKeys {
         missing: &'static str,
         /// Keys of the archive, the first 40.
@@ -112,15 +118,17 @@ pub enum ArrayError {
          pose_body and 309 to 312 as trans, with mocap_frame_rate, to an .npz"
     )]
     Parameters,
-    #[error("has shape {shape:?}, which has no frame")]
+    #[error("has shape {shape:?}, which has no frame; save at least one")]
     Empty { shape: Vec<usize> },
-    #[error("frame {frame}, number {column}: {value} is not within +-{bound}")]
+    #[error("frame {frame}, number {column}: {value} is not within +-{bound}; cut this frame out, or repair it")]
     Number { frame: usize, column: usize, value: f64, bound: f64 },
-    #[error("frame rate {value} Hz is not within [{low}, {high}]")]
+    #[error("frame rate {value} Hz is not within [{low}, {high}]; give the true one: --frame-rate HZ")]
     FrameRate { value: f64, low: f64, high: f64 },
-    #[error("legs and spine have no length ({length} m)")]
+    #[error("legs and spine have no length ({length} m); the first 22 joints must be those of SMPL, in its order")]
     NoSize { length: f64 },
-    #[error("has shape [263]: the statistics of features (Mean.npy or Std.npy), not motion, which is (N, 263)")]
+    #[error(
+        "has shape [263]: the statistics of features (Mean.npy or Std.npy), not motion, which is (N, 263); give that file"
+    )]
     Statistics,
     #[error(
         "the features look normalised ({signs}), and no Mean.npy and Std.npy lie beside the file or up to {levels} \
@@ -129,7 +137,10 @@ pub enum ArrayError {
     NeedsStatistics { signs: String, levels: usize },
     #[error("one of --mean and --std is missing; give both or neither")]
     HalfOfStatistics,
-    #[error("with {mean} and its Std the features are not a plausible person ({after}); as stored: {before}")]
+    #[error(
+        "with {mean} and its Std the features are not a plausible person ({after}); as stored: {before}; give those of their \
+         data set: --mean FILE and --std FILE"
+    )]
     WrongStatistics { mean: String, before: String, after: String },
 }
 
@@ -144,32 +155,33 @@ impl ArrayError {
 #[derive(Clone, Debug, Error, PartialEq)]
 #[allow(missing_docs, reason = "the texts name the fields")]
 pub enum BvhError {
-    #[error("the file is empty")]
+    #[error("line 1: the file is empty; export it again")]
     Empty,
-    #[error("line {line}: the file ends, expected {expected}")]
+    #[error("line {line}: the file ends, expected {expected}: it was cut; copy or export it again")]
     Truncated { line: usize, expected: &'static str },
     #[error("line {line}: \"{found}\", expected {expected}")]
     Unexpected { line: usize, found: String, expected: &'static str },
-    #[error("line {line}: \"{found}\" is not a number ({what})")]
+    #[error("line {line}: \"{found}\" is not a number ({what}); write one there")]
     NotANumber { line: usize, found: String, what: &'static str },
-    #[error("line {line}: {what} {value} is not within +-{bound}")]
+    #[error("line {line}: {what} {value} is not within +-{bound}; repair it, or export again")]
     OutOfRange { line: usize, what: &'static str, value: f64, bound: f64 },
     #[error(
         "line {line}: Frame Time: {value_s} is outside [{low_s}, {high_s}] s; write the seconds from one frame to the \
          next, such as 0.0333333 for 30 frames a second"
     )]
     FrameTime { line: usize, value_s: f64, low_s: f64, high_s: f64 },
-    #[error("line {line}: {what}: {value}, at most {bound}")]
+    #[error("line {line}: {what}: {value}, at most {bound}; export fewer")]
     TooMany { line: usize, what: &'static str, value: u64, bound: u64 },
     #[error(
-        "line {line}: {claimed} frames of {channels} numbers (at least 18) do not fit in the remaining {bytes} bytes"
+        "line {line}: {claimed} frames of {channels} numbers (at least 18) do not fit in the remaining {bytes} bytes; correct \
+         the count, or export again"
     )]
     FrameCount { line: usize, claimed: u64, channels: usize, bytes: usize },
     #[error("line {line}: {frames} frame(s); at least 2 are needed, because the first is a pose, not motion")]
     TooFewFrames { line: usize, frames: u64 },
-    #[error("line {line}: more numbers than the {frames} frames of the header")]
+    #[error("line {line}: more numbers than the {frames} frames of the header; correct the count behind Frames:")]
     Trailing { line: usize, frames: u64 },
-    #[error("the map gives {joint} the name {name:?}, which no joint has; the rig has {}", .found.join(", "))]
+    #[error("the map gives {joint} the name {name:?}, which no joint has; give one of {}", .found.join(", "))]
     UnknownName {
         /// SMPL-22 name.
         joint: &'static str,
@@ -187,7 +199,9 @@ pub enum BvhError {
         /// The rig's names, the first 40.
         found: Vec<String>,
     },
-    #[error("legs and spine have no length ({length} units), so the scale cannot be estimated")]
+    #[error(
+        "legs and spine have no length ({length} units), so there is no scale; export the skeleton with its offsets"
+    )]
     NoSize {
         /// Length of leg and spine, units of the file.
         length: f64,

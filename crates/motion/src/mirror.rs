@@ -20,7 +20,10 @@ pub enum MirrorError {
         front: f64,
     },
     /// Shoulders and hips disagree.
-    #[error("shoulders and hips disagree on where left is (sides {sides:.2}): one pair's names are swapped")]
+    #[error(
+        "shoulders and hips disagree on where left is (sides {sides:.2}): one pair's names are swapped; name them in a file for \
+         --map"
+    )]
     Swapped {
         /// Mean cosine between the lines of shoulders and hips.
         sides: f64,

@@ -5,6 +5,7 @@ mod bounds;
 mod builtin;
 mod bvh;
 mod estimates;
+mod messages;
 mod options;
 mod reader;
 mod recordings;
