@@ -2,6 +2,7 @@
 
 use crate::file::Entry;
 use crate::inputs::Inputs;
+use crate::pauses::PauseFinder;
 use crate::picture;
 use crate::topic::Topic;
 use explain::Severity;
@@ -73,6 +74,7 @@ pub struct RecordingEncoder {
     pictures: [Paced; 4],
     kept: [Paced; 4],
     status: Option<Status>,
+    pauses: PauseFinder,
     log_sequence: u32,
 }
 
@@ -89,6 +91,7 @@ impl RecordingEncoder {
             pictures: Default::default(),
             kept: Default::default(),
             status: None,
+            pauses: PauseFinder::default(),
             log_sequence: 0,
         }
     }
@@ -101,6 +104,15 @@ impl RecordingEncoder {
     }
 
     pub fn encode(&mut self, sample: Sample<'_>, write: &mut dyn FnMut(Entry)) {
+        let pause = match sample {
+            Sample::Target(target) => self.pauses.target(target).zip(Some(target.header.stamp)),
+            Sample::State(state) => self.pauses.state(state).zip(Some(state.header.stamp)),
+            Sample::Status(status) => self.pauses.status(status).zip(Some(status.header.stamp)),
+            _ => None,
+        };
+        if let Some((pause, stamp)) = pause {
+            self.log(self.file_time(stamp), Level::Warning, pause.text(), write);
+        }
         match sample {
             Sample::Skeleton(skeleton) => self.skeleton(skeleton, write),
             Sample::Target(target) => {
@@ -194,17 +206,21 @@ impl RecordingEncoder {
         let sequence = status.header.sequence as u32;
         write(Entry { topic: Topic::Status, sequence, log_time: at_ns, data });
         for sentence in explain::sentences(self.status.as_ref(), status, &self.names) {
-            self.log_sequence = self.log_sequence.wrapping_add(1);
-            let log = foxglove::messages::Log {
-                timestamp: Some(picture::timestamp(at_ns)),
-                level: level(sentence.gravity) as i32,
-                message: sentence.text,
-                name: "control".to_owned(),
-                ..foxglove::messages::Log::default()
-            };
-            write_message(Topic::Log, u64::from(self.log_sequence), at_ns, &log, write);
+            self.log(at_ns, level(sentence.gravity), sentence.text, write);
         }
         self.status = Some(*status);
+    }
+
+    fn log(&mut self, at_ns: u64, level: Level, message: String, write: &mut dyn FnMut(Entry)) {
+        self.log_sequence = self.log_sequence.wrapping_add(1);
+        let log = foxglove::messages::Log {
+            timestamp: Some(picture::timestamp(at_ns)),
+            level: level as i32,
+            message,
+            name: "control".to_owned(),
+            ..foxglove::messages::Log::default()
+        };
+        write_message(Topic::Log, u64::from(self.log_sequence), at_ns, &log, write);
     }
 }
 

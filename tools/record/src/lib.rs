@@ -16,6 +16,7 @@ mod error;
 mod file;
 mod inputs;
 mod offline;
+mod pauses;
 mod picture;
 mod plot;
 mod queue;

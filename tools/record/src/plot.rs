@@ -18,6 +18,9 @@ const TARGET: RGBColor = RGBColor(230, 150, 30);
 const COMMAND: RGBColor = RGBColor(40, 110, 200);
 const MEASURED: RGBColor = RGBColor(60, 60, 60);
 const LIMIT: RGBColor = RGBColor(200, 40, 40);
+const PAUSE: RGBColor = RGBColor(130, 60, 150);
+/// Least width of a pause, as a share of the whole time, so that it is seen.
+const PAUSE_SHARE: f64 = 0.004;
 
 fn colour(mode: u32) -> RGBColor {
     match Mode::from_u32(mode) {
@@ -44,11 +47,12 @@ pub fn plot(path: &Path, trace: &Trace, model: &Model, title: &str) -> Result<()
     }
     // A panel for each joint, and for clearance, latency and the legend.
     let down = (model.count + 3).div_ceil(ACROSS) as u32;
-    canvas::save(path, (ACROSS as u32 * PANEL.0, down * PANEL.1), |area| draw(area, trace.rows(), model, title))
+    canvas::save(path, (ACROSS as u32 * PANEL.0, down * PANEL.1), |area| draw(area, trace, model, title))
         .map_err(refuse)
 }
 
-fn draw(area: &Area<'_>, rows: &[Row], model: &Model, title: &str) -> Drawn {
+fn draw(area: &Area<'_>, trace: &Trace, model: &Model, title: &str) -> Drawn {
+    let rows = trace.rows();
     let (head, body) = area.split_vertically(68);
     head.draw(&Text::new(title, (32, 16), text(LETTERS)))?;
     let panels = body.split_evenly(((model.count + 3).div_ceil(ACROSS), ACROSS));
@@ -63,27 +67,28 @@ fn draw(area: &Area<'_>, rows: &[Row], model: &Model, title: &str) -> Drawn {
             Line { colour: MEASURED, width: 2, value: &|row| Some(row.measured[j]) },
         ];
         let margin = 0.05 * (limits.1 - limits.0);
-        chart(panel, rows, &name, (limits.0 - margin, limits.1 + margin), &lines, &[limits.0, limits.1])?;
+        chart(panel, trace, &name, (limits.0 - margin, limits.1 + margin), &lines, &[limits.0, limits.1])?;
     }
     let highest = |value: &dyn Fn(&Row) -> Option<f64>| rows.iter().filter_map(value).fold(1.0, f64::max) * 1.1;
     let clearance = |row: &Row| row.clearance_mm;
     let bound = model.d_min_m * 1e3;
     let lines = [Line { colour: COMMAND, width: 4, value: &clearance }];
-    chart(&panels[model.count], rows, "clearance of the command, mm", (0.0, highest(&clearance)), &lines, &[bound])?;
+    chart(&panels[model.count], trace, "clearance of the command, mm", (0.0, highest(&clearance)), &lines, &[bound])?;
     let latency = |row: &Row| row.latency_ms;
     let lines = [Line { colour: COMMAND, width: 0, value: &latency }];
-    chart(&panels[model.count + 1], rows, "person seen to executed, ms", (0.0, highest(&latency)), &lines, &[])?;
+    chart(&panels[model.count + 1], trace, "person seen to executed, ms", (0.0, highest(&latency)), &lines, &[])?;
     legend(&panels[model.count + 2])
 }
 
 fn chart(
     panel: &Area<'_>,
-    rows: &[Row],
+    trace: &Trace,
     name: &str,
     (low, high): (f64, f64),
     lines: &[Line<'_>],
     limits: &[f64],
 ) -> Drawn {
+    let rows = trace.rows();
     let end_s = rows.last().map_or(1.0, |row| row.at_s).max(1e-3);
     let mut chart = ChartBuilder::on(panel)
         .caption(name, text(LETTERS))
@@ -96,6 +101,10 @@ fn chart(
         let next_s = rows.partition_point(|row| row.at_s <= last.at_s);
         let until_s = rows.get(next_s).map_or(end_s, |row| row.at_s);
         chart.draw_series([Rectangle::new([(first.at_s, low), (until_s, high)], colour(first.mode).filled())])?;
+    }
+    for (until_s, pause) in trace.pauses() {
+        let from_s = (until_s - pause.length_s().max(PAUSE_SHARE * end_s)).max(0.0);
+        chart.draw_series([Rectangle::new([(from_s, low), (until_s.min(end_s), high)], PAUSE.filled())])?;
     }
     chart
         .configure_mesh()
@@ -128,7 +137,7 @@ fn chart(
 fn legend(panel: &Area<'_>) -> Drawn {
     let lines = [("target", TARGET), ("command", COMMAND), ("measured", MEASURED), ("limit", LIMIT)];
     let lines = lines.map(|(name, colour)| (name, colour, 3));
-    let modes = Mode::ALL.map(|mode| (mode.name(), colour(mode as u32), 16));
+    let modes = Mode::ALL.map(|mode| (mode.name(), colour(mode as u32), 16)).into_iter().chain([("pause", PAUSE, 16)]);
     for (y, (name, colour, half)) in (60..).step_by(44).zip(lines.into_iter().chain(modes)) {
         panel.draw(&Rectangle::new([(120, y - half), (200, y + half)], colour.filled()))?;
         panel.draw(&Text::new(name, (224, y - 16), text(LETTERS)))?;

@@ -46,13 +46,22 @@ impl Summary {
                 Some(count) => *count += 1,
                 None => drop(summary.counts.insert(topic.to_owned(), 1)),
             }
-            match &content {
+            let at_s = at_ns.saturating_sub(begin) as f64 * 1e-9;
+            let pause = match &content {
                 Content::Target(target) => summary.trace.target(target),
-                Content::Command(command) => summary.trace.command(command),
                 Content::State(state) => summary.trace.state(state),
+                Content::Status(status) => summary.trace.status(status),
+                _ => None,
+            };
+            if let Some(pause) = pause {
+                summary.sentence(at_s - pause.length_s(), pause.text());
+            }
+            match &content {
+                Content::Command(command) => summary.trace.command(command),
                 Content::Status(status) => {
-                    summary.trace.status(status);
-                    summary.status(at_ns.saturating_sub(begin) as f64 * 1e-9, before.as_ref(), status, names);
+                    for sentence in sentences(before.as_ref().map(|(_, before)| before), status, names) {
+                        summary.sentence(at_s, sentence.text);
+                    }
                     if let Some((before_ns, before)) = &before {
                         let lasted_s = at_ns.saturating_sub(*before_ns) as f64 * 1e-9;
                         *summary.modes_s.entry(before.mode).or_default() += lasted_s;
@@ -62,19 +71,22 @@ impl Summary {
                 _ => {}
             }
         }
+        if let Some(pause) = summary.trace.finish() {
+            summary.sentence(summary.duration_s() - pause.length_s(), pause.text());
+        }
         summary.about = recorded.about().clone();
         summary.outcome = recorded.outcome().clone();
         summary.broken_off = recorded.broken_off();
         Ok(summary)
     }
 
-    fn status(&mut self, at_s: f64, before: Option<&(u64, Status)>, status: &Status, names: &Names) {
-        for sentence in sentences(before.map(|(_, before)| before), status, names) {
-            if self.sentences.len() < SENTENCES_MAX {
-                self.sentences.push((at_s, sentence.text));
-            } else {
-                self.unsaid += 1;
-            }
+    /// Adds a sentence after those of earlier times.
+    fn sentence(&mut self, at_s: f64, text: String) {
+        if self.sentences.len() < SENTENCES_MAX {
+            let place = self.sentences.partition_point(|(earlier_s, _)| *earlier_s <= at_s);
+            self.sentences.insert(place, (at_s, text));
+        } else {
+            self.unsaid += 1;
         }
     }
 

@@ -1,5 +1,6 @@
 //! Samples a run at a few hundred instants a minute, in bounded memory. Pictures and summaries are made from it.
 
+use crate::pauses::{Pause, PauseFinder};
 use messages::{JOINTS_MAX, JointCommand, JointTarget, RobotState, Status};
 use world::Moment;
 
@@ -7,6 +8,8 @@ use world::Moment;
 const ROWS_MAX: usize = 12_000;
 /// Initial time between two instants, ns: 60 per second.
 const PERIOD_NS: u64 = 16_666_666;
+/// Largest number of pauses that are kept.
+const PAUSES_MAX: usize = 1_000;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
@@ -34,6 +37,9 @@ pub struct Trace {
     /// Origin that was executed last, and its age when it was first executed, ms.
     origin: u64,
     latency_ms: Option<f64>,
+    finder: PauseFinder,
+    newest_ns: u64,
+    pauses: Vec<(f64, Pause)>,
 }
 
 impl Trace {
@@ -41,20 +47,50 @@ impl Trace {
         &self.rows
     }
 
-    pub fn target(&mut self, target: &JointTarget) {
+    /// Pauses of the machine, with the time of their end, s from the first state.
+    pub fn pauses(&self) -> &[(f64, Pause)] {
+        &self.pauses
+    }
+
+    /// Keeps a pause that ended at `end_ns`, and returns it.
+    fn keep(&mut self, pause: Option<Pause>, end_ns: u64) -> Option<Pause> {
+        if let (Some(pause), Some(begin_ns), true) = (pause, self.begin_ns, self.pauses.len() < PAUSES_MAX) {
+            self.pauses.push((end_ns.saturating_sub(begin_ns) as f64 * 1e-9, pause));
+        }
+        pause
+    }
+
+    pub fn target(&mut self, target: &JointTarget) -> Option<Pause> {
         self.target = Some((target.q, target.valid_mask));
+        let pause = self.finder.target(target);
+        self.keep(pause, target.header.stamp.0)
     }
 
     pub fn command(&mut self, command: &JointCommand) {
         self.command = Some(command.q);
     }
 
-    pub fn status(&mut self, status: &Status) {
+    pub fn status(&mut self, status: &Status) -> Option<Pause> {
         self.status = Some((status.clearance_command_m * 1e3, status.mode));
+        let pause = self.finder.status(status);
+        self.keep(pause, status.header.stamp.0)
+    }
+
+    /// Ends a pause that lasts until the end of the run.
+    pub fn finish(&mut self) -> Option<Pause> {
+        let pause = self.finder.end();
+        self.keep(pause, self.newest_ns)
     }
 
     /// Notes a state, and stores an instant if one is due.
-    pub fn state(&mut self, state: &RobotState) {
+    pub fn state(&mut self, state: &RobotState) -> Option<Pause> {
+        self.store(state);
+        self.newest_ns = state.header.stamp.0;
+        let pause = self.finder.state(state);
+        self.keep(pause, state.header.stamp.0)
+    }
+
+    fn store(&mut self, state: &RobotState) {
         let at_ns = state.header.stamp.0;
         let origin = state.header.origin;
         if origin.0 != self.origin {

@@ -112,7 +112,10 @@ fn recorder_records_published_data_and_sigterm_ends_the_file() {
     let mut writers = Writers::new(&instance);
     let out = folder.path().join("out.mcap");
     let child = start(instance.run_dir(), &out);
-    writers.publish_for(Duration::from_millis(1500));
+    writers.publish_for(Duration::from_millis(800));
+    // A pause of the writers. Its length is the test's input.
+    std::thread::sleep(Duration::from_millis(120));
+    writers.publish_for(Duration::from_millis(700));
     rt::terminate(child.id());
     let ended = child.wait_with_output().expect("it ends");
     let printed = String::from_utf8_lossy(&ended.stdout) + String::from_utf8_lossy(&ended.stderr);
@@ -141,6 +144,7 @@ fn recorder_records_published_data_and_sigterm_ends_the_file() {
     let summary = program().arg("--summary").arg(&out).arg("--config").arg(config()).output().unwrap();
     let text = String::from_utf8_lossy(&summary.stdout);
     assert!(text.contains("/teleop/joint_command") && text.contains("The robot is Disengaged."), "{text}");
+    assert!(text.contains("the machine paused the driver for 1"), "the pause is marked: {text}");
     instance.retire();
 }
 
