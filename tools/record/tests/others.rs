@@ -166,3 +166,23 @@ fn what_is_whole_is_read_past_damage_and_the_loss_is_named() {
     assert!(before > all / 2, "{before} of {all}");
     assert_eq!(read(&whole), (all, None));
 }
+
+/// One bit of the size to which a chunk claims to unpack.
+#[test]
+fn flipped_bit_in_a_chunks_size_loses_that_chunk_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, loaded) = (folder.path().join("run.mcap"), loaded());
+    recorded_offline(&path, &loaded);
+    let all: u64 = summary(&path, &loaded).counts.values().sum();
+    let mut bytes = std::fs::read(&path).unwrap();
+    let indices = mcap::Summary::read(&bytes).unwrap().expect("a summary").chunk_indexes;
+    let middle = &indices[indices.len() / 2];
+    // Behind opcode, length and two times: bit 40.
+    bytes[middle.chunk_start_offset as usize + 9 + 16 + 5] ^= 1;
+    std::fs::write(&path, bytes).unwrap();
+    let found = summary(&path, &loaded);
+    let (count, why) = (found.counts.values().sum::<u64>(), found.broken_off().expect("the loss is named").to_owned());
+    assert!(count < all && count >= all / 2, "{count} of {all}: {why}");
+    let place = format!("the chunk at byte {} claims to unpack to 10995", middle.chunk_start_offset);
+    assert!(why.contains(&place) && why.contains(&format!("{} of {all} messages are lost", all - count)), "{why}");
+}
