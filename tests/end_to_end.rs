@@ -186,6 +186,28 @@ fn f074_suspended_process_stops_robot_and_sends_nothing_old() {
     });
 }
 
+/// A pause of the simulation is no fault of a robot: it latches nothing, and the robot goes on by itself.
+#[test]
+fn f051_paused_simulation_holds_and_goes_on() {
+    in_real_time(|| {
+        let (mut rig, operator, _observer, _client) = Rig::moving(Rig::shared_memory_client);
+        if operator.status().is_some_and(|status| status.realtime == 1) {
+            return println!("skipped: in real time the simulated robot is as strict as a real one");
+        }
+        rig.signal("robot", "STOP");
+        // Longer than the watchdog of the simulated drives, and shorter than what counts as stale (20 x 20 ms). The length is the
+        // test's input.
+        std::thread::sleep(Duration::from_millis(250));
+        rig.signal("robot", "CONT");
+        operator.wait_control(Duration::from_millis(500));
+        operator.wait_mode(Mode::Engaged);
+        for fault in [Fault::DriverFault, Fault::FeedbackInvalid, Fault::StateStale] {
+            assert_eq!(operator.raised(fault), 0, "{fault:?}");
+        }
+        rig.end_without_violations();
+    });
+}
+
 #[test]
 fn silent_operator_disengages_the_robot() {
     in_real_time(|| {

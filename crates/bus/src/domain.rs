@@ -40,6 +40,8 @@ const WRITER_ATTEMPTS: u32 = 4;
 const CLEANING: Duration = Duration::from_millis(500);
 /// Readers of one service: five processes, the recorder, views and tools, and their successors.
 const READERS_MAX: usize = 16;
+/// Most readers of a service whose messages wait. A robot alone reads its setpoints, and each place costs the whole queue.
+const WAITING_READERS_MAX: usize = 3;
 /// Processes (one node each) that may hold one service.
 const NODES_MAX: usize = 32;
 /// Room in a Unix socket address (sun_path, unix(7)), without the closing zero.
@@ -206,7 +208,8 @@ impl Domain {
         let name = self.service_name(service, service.row().name)?;
         let open = || {
             let builder = self.node.node().service_builder(&name).publish_subscribe::<Payload<M>>();
-            let builder = builder.max_publishers(service.row().writers_max).max_subscribers(READERS_MAX);
+            let readers = if service.row().kept > 1 { WAITING_READERS_MAX } else { READERS_MAX };
+            let builder = builder.max_publishers(service.row().writers_max).max_subscribers(readers);
             let builder = builder.max_nodes(NODES_MAX).history_size(0).enable_safe_overflow(true);
             builder.subscriber_max_buffer_size(service.row().kept).subscriber_max_borrowed_samples(1).open_or_create()
         };

@@ -35,7 +35,7 @@ pub mod state_flag {
     /// The robot measures its grippers.
     pub const GRIPPERS: u32 = 8;
     /// The robot is unseen: no measurement has come, and the last one is older than `driver.measured_age_max_ms`. Without
-    /// real-time scheduling the driver goes on for 190 ms more.
+    /// real-time scheduling the driver goes on for 190 ms more, and that of a simulated robot for 380 ms.
     pub const UNSEEN: u32 = 16;
 }
 

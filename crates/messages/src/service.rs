@@ -68,9 +68,10 @@ const fn row(
     ServiceRow { service, name, domain, writer, writers_max, rate_hz, kept: 1, stale_after_ms }
 }
 
-/// Setpoints that wait for a robot whose process is late, as they would in the memory of its field bus. 128 of
-/// them are 85 ms. The drives of a real robot are never late.
-const SETPOINTS_KEPT: usize = 128;
+/// Setpoints that wait for a simulated robot whose process is late, as they would in the memory of its field bus. 640 of
+/// them are 427 ms, longer than `control` waits for a state without real-time scheduling. The drives of a real robot are
+/// never late.
+const SETPOINTS_KEPT: usize = 640;
 
 /// The one table of services.
 pub const SERVICES: [ServiceRow; 10] = [

@@ -83,10 +83,13 @@ pub fn control_config(loaded: &Loaded, realtime: bool) -> Result<control::Config
 /// Age by which a measurement is older after a pause that real-time scheduling would prevent, ms: ten cycles of a port
 /// of 1 kHz for each factor.
 const PAUSE_MS: f64 = 10.0;
+/// Longest such pause, ms.
+const PAUSE_MAX_MS: f64 = 1000.0;
 
 /// Returns the configuration of the driver and of the checker of its steps. Without real-time scheduling (`realtime` false),
 /// two times are relaxed like the other stale times: the silence that latches the driver's fault, and the age of a
-/// measurement. The plan plays from the first missed tick in any case.
+/// measurement. The plan plays from the first missed tick in any case. The driver of a simulated robot does not latch before
+/// `control` counts the state as stale, because a pause of the simulation's process is no fault of a robot.
 ///
 /// # Errors
 /// Returns an error if the checker refuses a setting, or the robot's files.
@@ -118,10 +121,14 @@ pub fn simulated_config(loaded: &Loaded, initial_outside: bool) -> Result<simula
 fn driver_options(loaded: &Loaded, realtime: bool, initial_outside: bool) -> checker::Options {
     let Settings { driver, safety, sim, .. } = &loaded.settings;
     let factor = if realtime { 1.0 } else { safety.stale_factor_without_realtime };
+    let pause_ms = match driver.kind {
+        DriverKind::Sim => PAUSE_MS.max(safety.state_stale_ms),
+        DriverKind::Robot => PAUSE_MS,
+    };
     checker::Options {
         interface: loaded.settings.interface(),
         measured_age_max_ms: driver.measured_age_max_ms,
-        pause_ms: PAUSE_MS * (factor - 1.0),
+        pause_ms: (pause_ms * (factor - 1.0)).min(PAUSE_MAX_MS),
         silence_ticks: (driver.silence_latch_ms * factor * 1e-3 * messages::TICK_HZ as f64).round() as u64,
         hand_speed_max_m_per_s: safety.hand_speed_m_per_s(),
         payload_kg: match driver.kind {
