@@ -3,7 +3,7 @@
 use crate::canonical::Canonical;
 use crate::error::BvhError;
 use crate::rig::{self, Mapping, Named};
-use crate::scan::{Scan, excerpt};
+use crate::scan::{Scan, shortened};
 use crate::{FRAMES_MAX, Frame, Motion, mirror};
 use messages::SMPL_JOINTS;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -12,6 +12,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 const JOINTS_MAX: usize = 2048;
 /// Largest depth of a rig. A spine, an arm and a finger make 20.
 const DEPTH_MAX: usize = 128;
+/// Largest length of a name, characters. Every joint may carry the names of the person and of the take. Assumption.
+const NAME_MAX: usize = 256;
 /// Largest length (units of the file) and largest angle (degrees). Larger values indicate damage. They are 10 km
 /// in millimetres, and 27,000 turns.
 const NUMBER_MAX: f64 = 1e7;
@@ -145,7 +147,7 @@ fn open_joint(
     is_end: bool,
 ) -> Result<(), BvhError> {
     let line = scan.line();
-    let name = excerpt(scan.rest_of_line());
+    let name = shortened(scan.rest_of_line(), NAME_MAX);
     scan.expect("{")?;
     for (what, value, bound) in [("joints", joints.len(), JOINTS_MAX), ("nested joints", open.len(), DEPTH_MAX)] {
         if value >= bound {

@@ -111,9 +111,9 @@ impl Named {
     }
 }
 
-/// Names of a rig's joints, the first 40.
+/// Names of a rig's joints, the first 40, and the first 40 characters of each.
 fn listed(joints: &[Joint]) -> Vec<String> {
-    joints.iter().filter(|joint| !joint.is_end).take(40).map(|joint| joint.name.clone()).collect()
+    joints.iter().filter(|joint| !joint.is_end).take(40).map(|joint| joint.name.chars().take(40).collect()).collect()
 }
 
 /// Finds every SMPL-22 joint. What the user names is not searched.

@@ -122,5 +122,10 @@ impl<'a> Scan<'a> {
 
 /// Returns at most 40 characters of a word. Accepts any bytes.
 pub(crate) fn excerpt(word: &[u8]) -> String {
-    String::from_utf8_lossy(word).chars().take(40).map(|c| if c.is_control() { '?' } else { c }).collect()
+    shortened(word, 40)
+}
+
+/// Returns at most `most` characters of a word.
+pub(crate) fn shortened(word: &[u8], most: usize) -> String {
+    String::from_utf8_lossy(word).chars().take(most).map(|c| if c.is_control() { '?' } else { c }).collect()
 }

@@ -377,7 +377,7 @@ fn frames(text: &str, change: impl Fn(&str) -> String) -> String {
 const SAME: fn(String) -> String = |text| text;
 const PLAIN: fn(&mut Clip) = |_| {};
 
-const DIALECTS: [Dialect; 46] = [
+const DIALECTS: [Dialect; 47] = [
     ("plain", PLAIN, SAME),
     ("carriage returns", PLAIN, |text| text.replace('\n', "\r\n")),
     ("carriage returns alone", PLAIN, |text| text.replace('\n', "\r")),
@@ -427,6 +427,7 @@ const DIALECTS: [Dialect; 46] = [
     ("y down", |clip| clip.axes = Y_DOWN, SAME),
     ("x up", |clip| clip.axes = X_UP, SAME),
     ("a joint above the hips", |clip| clip.above = true, SAME),
+    ("long names", |clip| clip.around = ["A_person_with_a_long_name_and_a_take_of_number_0001_", "_bind"], SAME),
     ("children in another order", |clip| clip.shuffled = true, SAME),
 ];
 
