@@ -4,6 +4,7 @@ mod batch;
 mod interpolation;
 mod links;
 mod live;
+mod messages;
 mod motions;
 mod offline;
 mod sentences;

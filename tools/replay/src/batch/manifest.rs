@@ -48,7 +48,8 @@ impl Manifest {
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
-                let text = format!("--out {}: another batch is writing there", folder.display());
+                let text =
+                    format!("--out {}: another batch is writing there; wait, or give another --out", folder.display());
                 return Err(Failure::new(Exit::CantCreate, text));
             }
             Err(TryLockError::Error(source)) => return Err(failed(&path, "lock")(source)),

@@ -77,7 +77,8 @@ pub fn run(
     let listing = motion::list(input, cli.recursive).map_err(Failure::with(Exit::NoInput))?;
     if listing.files.is_empty() {
         let hint = if cli.recursive { "" } else { " (--recursive looks into its folders)" };
-        let text = format!("--input {}: no .bvh, .npy or .npz in it{hint}", input.display());
+        let text =
+            format!("--input {}: no .bvh, .npy, .npz or .mcap in it{hint}; give another folder", input.display());
         return Err(Failure::new(Exit::NoInput, text));
     }
     std::fs::create_dir_all(out).map_err(failed(out, "create the folder"))?;
@@ -147,7 +148,7 @@ fn plan(cli: &Cli, input: &Path, out: &Path, files: Vec<PathBuf>, summary: &mut 
         let output = out.join(&relative);
         if let Some(other) = taken.get(&output) {
             let (file_name, out, other) = (file.display(), output.display(), other.display());
-            let text = format!("{file_name}: its output {out} is already that of {other}");
+            let text = format!("{file_name}: its output {out} is already that of {other}; rename one of them");
             summary.failed.push((file, Failure::new(Exit::Failed, text)));
             continue;
         }
@@ -251,7 +252,9 @@ fn written(
 ) -> Result<Option<(Writer, u64)>, Failure> {
     let file = job.input.display();
     if count > ROWS_MAX {
-        let text = format!("{file}: {count} rows at {rate_hz} Hz, at most {ROWS_MAX} are written");
+        let text = format!(
+            "{file}: {count} rows at {rate_hz} Hz, at most {ROWS_MAX} are written; give a lower --rate, or split it"
+        );
         return Err(Failure::new(Exit::Failed, text));
     }
     let mut writer = Writer::create(&job.output, shared.cli.format, count, rate_hz, &shared.model.joint_names)?;

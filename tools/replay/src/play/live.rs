@@ -27,7 +27,10 @@ fn operator_of(cli: &Cli, instance: &Instance) -> Result<Option<Client>, Failure
         Err(OperatorError::Door(DoorError::PermissionDenied { .. })) => Ok(None),
         Err(_) if cli.socket.is_some() => Ok(None),
         Err(error) => {
-            let text = format!("{}: no instance of teleopd runs there ({error})", instance.run_dir().display());
+            let text = format!(
+                "{}: no instance of teleopd runs there ({error}); start `teleopd up`",
+                instance.run_dir().display()
+            );
             Err(Failure::new(Exit::Unavailable, text))
         }
     }

@@ -53,7 +53,7 @@ impl Library {
             }
         }
         if captions.is_empty() {
-            return Err(invalid(file, ": no caption"));
+            return Err(invalid(file, ": no caption; write lines of FILE<tab>CAPTION"));
         }
         Ok(Self { folder: PathBuf::new(), captions })
     }
@@ -84,7 +84,7 @@ mod tests {
             assert!(error.starts_with("captions.tsv, line 2: "), "{text}: {error}");
         }
         let empty = Library::from_text("captions.tsv", "# nothing\n").expect_err("it has no caption");
-        assert_eq!(empty.to_string(), "captions.tsv: no caption");
+        assert_eq!(empty.to_string(), "captions.tsv: no caption; write lines of FILE<tab>CAPTION");
         let good = Library::from_text("captions.tsv", "# remark\n\na.bvh\twaves\r\nsub/b.bvh\t claps\ttwice ")
             .expect("is good");
         let texts: Vec<_> = good.captions().iter().map(|caption| caption.text.as_str()).collect();

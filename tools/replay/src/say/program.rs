@@ -63,7 +63,7 @@ fn by_meaning(cli: &Cli, library: &Library, path: &Path) -> Result<Vec<Match>, F
     found.retain(|found| found.score >= COSINE_MIN);
     if found.is_empty() {
         let text = format!(
-            "no motion of this library is like \"{}\": the nearest, \"{}\", has a cosine of {:.2}, and {COSINE_MIN} is needed",
+            "no motion of this library is like \"{}\": the nearest, \"{}\", has a cosine of {:.2}, and {COSINE_MIN} is needed; describe what the person does",
             shown(&cli.sentence),
             shown(&library.captions()[nearest.caption].text),
             nearest.score

@@ -16,9 +16,9 @@ pub fn read(path: &Path) -> Result<String, Failure> {
     // A file may grow while it is read.
     File::open(path)
         .and_then(|open| open.take(BYTES_MAX + 1).read_to_end(&mut text))
-        .map_err(|error| unreadable(path, &error))?;
+        .map_err(|error| Failure::new(Exit::NoInput, rt::unreadable(path, &error)))?;
     if text.len() as u64 > BYTES_MAX {
-        return Err(invalid(&path.display().to_string(), &format!(": longer than {BYTES_MAX} bytes")));
+        return Err(invalid(&path.display().to_string(), &format!(": longer than {BYTES_MAX} bytes; split it")));
     }
     String::from_utf8(text).map_err(|error| unreadable(path, &error.utf8_error()))
 }
@@ -27,8 +27,8 @@ pub fn read(path: &Path) -> Result<String, Failure> {
 pub(crate) fn regular(path: &Path) -> Result<(), Failure> {
     match std::fs::metadata(path) {
         Ok(found) if found.is_file() => Ok(()),
-        Ok(_) => Err(unreadable(path, &"is not a regular file")),
-        Err(error) => Err(unreadable(path, &error)),
+        Ok(_) => Err(unreadable(path, &"is not a regular file; give a file")),
+        Err(error) => Err(Failure::new(Exit::NoInput, rt::unreadable(path, &error))),
     }
 }
 
