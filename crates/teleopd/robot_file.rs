@@ -48,8 +48,9 @@ fn new(urdf: &Path, out: Option<&Path>) -> Result<Exit, Failure> {
     }
     let (urdf, file) = (urdf.display(), out.display());
     out!(
-        "\n{}: collision fit --urdf {urdf} --robot {file} --out NEW.toml, with --meshes DIR if the URDF names meshes",
-        if refused { "Then" } else { "Next" }
+        "\n{}: {} fit --urdf {urdf} --robot {file} --out NEW.toml, with --meshes DIR if the URDF names meshes",
+        if refused { "Then" } else { "Next" },
+        crate::programs::COLLISION.typed()
     );
     Ok(if refused { Exit::DataErr } else { Exit::Ok })
 }

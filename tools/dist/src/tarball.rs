@@ -7,7 +7,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// Programs of a build, and their names in the archive.
-const PROGRAMS: [(&str, &str); 7] = [
+const PROGRAMS: [(&str, &str); 11] = [
     ("teleopd", "teleopd"),
     ("teleopctl", "teleopctl"),
     ("replay", "teleop-replay"),
@@ -15,6 +15,11 @@ const PROGRAMS: [(&str, &str); 7] = [
     ("record", "teleop-record"),
     ("teleop-bridge", "teleop-bridge"),
     ("teleopd-ros2", "teleopd-ros2"),
+    // For a robot of one's own.
+    ("collision", "teleop-collision"),
+    ("train", "teleop-train"),
+    ("torture", "teleop-torture"),
+    ("simulate", "teleop-simulate"),
 ];
 
 /// Links to `teleop-replay`, with the names that its subcommands had as programs.
