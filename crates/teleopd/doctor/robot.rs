@@ -66,9 +66,6 @@ pub fn page(loaded: &Loaded) -> Result<String, Failure> {
         model.pairs.len(),
         model.allowed.len(),
     );
-    out.push_str(
-        "capsules and meshes: doctor --meshes DIR judges how far the maker's meshes stick out of the capsules\n",
-    );
     reach(&mut out, loaded);
     Ok(out)
 }
