@@ -54,7 +54,8 @@ export class Panel {
     this.shownAt = now;
     const heard = (frame.present & PRESENT.command) !== 0, person = heard && (frame.present & PRESENT.person) !== 0;
     const figure = (id, value, unit, digits, known = heard) => this.text(id, known && value !== null ? `${value.toFixed(digits)}${unit}` : "–");
-    figure("behind", frame.limbMeasured, "°", 1, person);
+    // Of the same status as the sentence, so that both say one number.
+    figure("behind", this.behind, "°", 0, person);
     figure("delay", frame.delay, " ms", 0, person);
     figure("clearance", frame.clearance, " mm", 0);
     figure("age", frame.age, this.lost > 0 ? ` ms, ${this.lost.toFixed(1)} % lost` : " ms", 1, heard && frame.age > 0);
@@ -85,6 +86,7 @@ export class Panel {
 
   status(status) {
     this.lost = status?.lost_percent ?? 0;
+    this.behind = status?.limb_error_measured_deg ?? null;
     const limited = status?.limited;
     const why = { speed: "at its highest speed", clearance: "as close as they may be", range: "at the end of its range" }[limited?.by];
     this.text("limit", why ? `${limited.about ?? ""} ${why}`.trim() : "");
