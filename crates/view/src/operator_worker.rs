@@ -148,10 +148,7 @@ impl Grip {
                 client.reset();
                 self.reset = Some(0);
             }
-            OperatorCommand::Stop => {
-                client.estop();
-                self.let_go(String::new());
-            }
+            OperatorCommand::Stop => self.let_go(String::new()),
             OperatorCommand::Keep => {}
         }
     }
@@ -173,6 +170,10 @@ impl Grip {
             Ok(Some(_)) => self.stop = None,
             Err(error) => {
                 if !std::mem::replace(is_told, true) {
+                    // Its own connection may have no place. The one that is open presses, too.
+                    if let Some(client) = &mut self.client {
+                        client.estop();
+                    }
                     self.send_report(format!("STOP is pressed until the robot answers. It has not yet: {error}"));
                 }
             }
