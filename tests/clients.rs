@@ -139,7 +139,8 @@ const GRIPS: &str = "\
 import json, sys, time
 sys.path.insert(0, sys.argv[2])
 import own_person
-from teleopd_client import MODES, FeedbackReader, SkeletonPublisher, rate, sentence
+from teleopd_client import MODES, FeedbackReader, SkeletonPublisher, lease_is_held, rate, sentence
+held = [lease_is_held(sys.argv[1])]
 with SkeletonPublisher(sys.argv[1]) as publisher, FeedbackReader(sys.argv[1]) as reader:
     engaged = None
     for i in rate(60):
@@ -149,7 +150,8 @@ with SkeletonPublisher(sys.argv[1]) as publisher, FeedbackReader(sys.argv[1]) as
         if feedback is None: continue
         if engaged is None and MODES[feedback.mode] == 'Engaged': engaged = i
         if feedback.closure[0] > 0.4: break
-    print(json.dumps({'sentence': sentence(feedback), 'clearance_m': list(feedback.clearance_m), 'known': feedback.known,
+    held.append(lease_is_held(sys.argv[1]))
+    print(json.dumps({'held': held, 'sentence': sentence(feedback), 'clearance_m': list(feedback.clearance_m), 'known': feedback.known,
         'closure': list(feedback.closure), 'towards': [list(way) for way in feedback.towards_nearest]}))
 ";
 /// The person of the example, who moves a little.
@@ -182,6 +184,7 @@ fn python_client_grips_and_reads_what_the_robot_answers() {
         script.stdout.take().expect("a pipe").read_to_string(&mut printed).expect("its words");
         let printed: serde_json::Value = serde_json::from_str(&printed).expect("an answer");
         assert!(printed["sentence"].as_str().is_some_and(|sentence| sentence.len() > 5), "{printed}");
+        assert_eq!(printed["held"], serde_json::json!([false, true]), "the lease, before and after the first frame");
         let clearance = |side: usize| printed["clearance_m"][side].as_f64().expect("a number");
         assert!(clearance(0) > 0.009 && clearance(1) > 0.009 && clearance(0) < 2.0, "{printed}");
         // Status, state and both grippers are known.

@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 
-from teleopd_client import DEFAULT_RUN_DIR, SkeletonPublisher, TeleopdError, rate
+from teleopd_client import DEFAULT_RUN_DIR, HELD, SkeletonPublisher, TeleopdError, lease_is_held, rate
 
 #: a standing person of 1.75 m without arms: SMPL-22, metres, x forward, y left, z up (proportions: Winter, Biomechanics,
 #: fig. 4.1); the left half, and what lies between
@@ -84,6 +84,8 @@ def main():
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with SkeletonPublisher(arguments.run_dir) as publisher:
+            if lease_is_held(arguments.run_dir):
+                print(HELD, flush=True)
             print(f"publishing to {os.path.realpath(arguments.run_dir)}; Ctrl-C ends", flush=True)
             for i in rate(arguments.rate):
                 if arguments.seconds is not None and i >= arguments.seconds * arguments.rate:

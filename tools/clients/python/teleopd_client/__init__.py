@@ -11,9 +11,12 @@ Frames are expected at 30 to 240 Hz. Nothing moves before an operator engages (`
 with a frame is dropped and counted by the daemon, which stops the robot if no good one comes for 100 ms.
 """
 
+import ctypes
 import math
 import os
 import random
+import socket
+import struct
 import sys
 import time
 
@@ -176,6 +179,28 @@ class SkeletonPublisher:
 
     def __exit__(self, *_):
         self.close()
+
+
+#: what to say if `lease_is_held`
+HELD = (
+    "Another client holds the lease, so the robot does not see this motion. End that client, wait a second, and start this one "
+    "again."
+)
+
+
+def lease_is_held(run_dir=DEFAULT_RUN_DIR):
+    """True if a client holds the lease now. Shared memory gives no answer, so this asks at the skeleton socket."""
+    _, _, version, layout = RawSkeleton.type_name().split(".")
+    hello = struct.pack("<4sIIIQQ", b"TPSK", 1, int(version[1:]), ctypes.sizeof(RawSkeleton), int(layout, 16), 0)
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as door:
+            door.settimeout(1)
+            door.connect(os.path.join(run_dir, "skeleton.sock"))
+            door.send(hello)
+            # 2: frames are taken, but another client holds the lease.
+            return struct.unpack_from("<4sI", door.recv(24)) == (b"TPSK", 2)
+    except (OSError, struct.error):
+        return False
 
 
 class FeedbackReader:
