@@ -204,10 +204,13 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
         (Fault::FeedbackInvalid | Fault::DriverFault | Fault::StateStale | Fault::DeadlineMissed, _)
             if status.realtime == 0 =>
         {
+            let missed = match status.missed_deadlines {
+                0 => String::new(),
+                missed => format!(": {missed} deadlines were missed"),
+            };
             format!(
-                "{meaning} A pause of this machine, which runs no process in real time, causes it, too: {} deadlines were missed. See \
-                 docs/src/real-time.md.",
-                status.missed_deadlines
+                "{meaning} A pause of this machine, which runs no process in real time, causes it, too{missed}. See \
+                 docs/src/real-time.md."
             )
         }
         (Fault::VelocityError | Fault::StandstillLost, _) => match unsteady(status, names) {
