@@ -100,19 +100,19 @@ impl Source<'_> {
         let (margin, velocity, acceleration, jerk) = self.of_group(name, prismatic, group_name, group)?;
         let plausible = Plausible::for_joint(prismatic);
         let refuse = |key: &str, value: f64, bound: String| self.joint(self.toml, name, key, value, bound);
-        let reach = 0.5 * (urdf.q_max - urdf.q_min);
+        let (reach, unit) = (0.5 * (urdf.q_max - urdf.q_min), if prismatic { "m" } else { "rad" });
         if !(margin >= 0.0 && margin < reach) {
-            let key = format!("limits.groups.{group_name}.soft_margin");
+            let key = format!("limits.groups.{group_name}.soft_margin_{unit}");
             return Err(refuse(&key, margin, format!("must be at least 0 and below half the range, {reach}")));
         }
         let bounds = [
-            ("velocity_max", velocity.unwrap_or(urdf.v_max), urdf.v_max),
-            ("acceleration_max", acceleration, plausible.acceleration.min(urdf.a_max)),
-            ("jerk_max", jerk, plausible.jerk.min(urdf.j_max)),
+            ("velocity_max", "s", velocity.unwrap_or(urdf.v_max), urdf.v_max),
+            ("acceleration_max", "s2", acceleration, plausible.acceleration.min(urdf.a_max)),
+            ("jerk_max", "s3", jerk, plausible.jerk.min(urdf.j_max)),
         ];
-        for (key, value, most) in bounds {
+        for (key, time, value, most) in bounds {
             if !(value > 0.0 && value <= most) {
-                let key = format!("limits.groups.{group_name}.{key}");
+                let key = format!("limits.groups.{group_name}.{key}_{unit}_per_{time}");
                 return Err(refuse(&key, value, format!("must be above 0 and at most {most}")));
             }
         }

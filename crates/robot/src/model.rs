@@ -444,6 +444,9 @@ impl Source<'_> {
             home[j] = *table.get(&names[j]).ok_or_else(|| {
                 self.value(key, "missing".into(), format!("joint `{}` must have a home position", names[j]))
             })?;
+            if !home[j].is_finite() {
+                return Err(self.joint(self.toml, &names[j], key, home[j], "must be a number"));
+            }
         }
         Ok(home)
     }

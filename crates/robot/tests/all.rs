@@ -7,6 +7,7 @@ mod drafts;
 mod environment;
 mod fit;
 mod kinematics;
+mod messages;
 mod others;
 mod pointing;
 mod reading;
