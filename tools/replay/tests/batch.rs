@@ -323,18 +323,6 @@ fn interrupted_run_leaves_no_partial_file_and_resumes() {
 }
 
 #[test]
-fn output_among_inputs_and_empty_folder_are_refused() {
-    let (_folder, input, out) = folders();
-    let refuse = |input: &Path, out: &Path, more: &[&str]| attempt(input, out, more).expect_err("refused").to_string();
-    assert!(refuse(&input, &input, &[]).contains("would be read as motions"));
-    assert!(refuse(&input, &input.join("more"), &["--recursive"]).contains("would be read as motions"));
-    let empty = input.join("empty");
-    std::fs::create_dir(&empty).expect("a folder");
-    assert!(refuse(&empty, &out, &[]).contains("--recursive"));
-    assert!(refuse(&input.join("none"), &out, &[]).contains("none"));
-}
-
-#[test]
 fn second_run_in_a_locked_folder_is_refused_until_unlock() {
     let (_folder, input, out) = folders();
     go(&input, &out, &[]);

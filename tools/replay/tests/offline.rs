@@ -108,24 +108,3 @@ fn recording_of_a_run_compares_equal_and_half_of_it_fails() {
     assert_eq!(played.status.code(), Some(65), "{printed}");
     assert!(printed.contains("there is no end") && printed.contains("the rest was played"), "{printed}");
 }
-
-#[test]
-fn broken_motion_file_is_refused_with_its_line() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("broken.bvh");
-    std::fs::write(&path, "HIERARCHY\nROOT Hips\n{\n OFFSET 0 0 zero\n").unwrap();
-    let output = Command::new(env!("CARGO_BIN_EXE_replay")).arg(&path).output().unwrap();
-    let printed = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(66), "{printed}");
-    assert!(printed.contains("broken.bvh") && printed.contains('4'), "{printed}");
-}
-
-#[test]
-fn the_option_up_is_refused_for_a_file_that_needs_none() {
-    for file in ["builtin", "walk.bvh"] {
-        let output = Command::new(env!("CARGO_BIN_EXE_replay")).args([file, "--up", "z"]).output().unwrap();
-        let printed = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(64), "{printed}");
-        assert!(printed.contains("--up is for .npy and .npz files"), "{printed}");
-    }
-}

@@ -74,7 +74,8 @@ pub fn run(
     progress: &ProgressBar,
 ) -> Result<Summary, Failure> {
     let (model, postures) = load(cli)?;
-    let listing = motion::list(input, cli.recursive).map_err(Failure::with(Exit::NoInput))?;
+    let refused = |error| Failure::new(Exit::NoInput, poses::error::refused(&error));
+    let listing = motion::list(input, cli.recursive).map_err(refused)?;
     if listing.files.is_empty() {
         let hint = if cli.recursive { "" } else { " (--recursive looks into its folders)" };
         let text =
