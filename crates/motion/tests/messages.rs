@@ -1,6 +1,6 @@
 //! Every message of the readers says all that it knows (place, value, bound), and what to do.
 
-/// What a way out begins with, and what a reader expected in place of what it found.
+/// Beginnings of a way out, or of what a reader expected in place of what it found.
 const WAYS_OUT: [&str; 23] = [
     "; give",
     "; write",

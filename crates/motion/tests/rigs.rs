@@ -223,7 +223,7 @@ impl Clip {
         text
     }
 
-    /// What a joint's channels are called or have as values, in the file's order.
+    /// Names or values of a joint's channels, in the file's order.
     fn channels_of(&self, moves: bool, positions: &str, rotations: &str) -> String {
         match (moves, self.rotations_first) {
             (false, _) => rotations.to_owned(),

@@ -1,4 +1,4 @@
-//! What the program says to bad input: place, value, bound and a way out.
+//! Answers of the program to bad input: place, value, bound and a way out.
 
 use std::path::Path;
 use std::process::Command;
