@@ -1,10 +1,10 @@
 //! Measures poses per second on synthetic motion. Reads no files except the robot's and its weights, and writes none.
 
 use super::cli::Cli;
-use super::postures::Postures;
 use super::run::{in_parallel, load};
 use messages::JOINTS_MAX;
 use nalgebra::{UnitQuaternion, Vector3};
+use poses::postures::Postures;
 use retarget::{ARMS, Limbs};
 use rt::Failure;
 use rustix::time::{ClockId, clock_gettime};

@@ -4,6 +4,7 @@ use super::output::Format;
 use clap::{Parser, ValueEnum};
 use config::RobotChoice;
 use motion::{CalibrationMode, LoadOptions};
+use poses::retargeted::Rate;
 use std::path::PathBuf;
 
 /// Bounds of the output rate, Hz: from one posture per second to ten times the control rate.
@@ -17,15 +18,6 @@ pub enum Method {
     Network,
     /// By geometry.
     ClosedForm,
-}
-
-/// Number of postures per second.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Rate {
-    /// One for each frame of the file.
-    Source,
-    /// This many. Between the frames of the file they lie on straight lines of the latent space.
-    Hz(f64),
 }
 
 /// Retargets a folder of motion files to joint trajectories.

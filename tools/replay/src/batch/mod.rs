@@ -6,19 +6,16 @@ mod bench;
 mod cli;
 mod manifest;
 mod output;
-mod postures;
 mod program;
 mod run;
 mod safe;
-mod trajectory;
 
 pub use bench::{BenchReport, bench, synthetic};
-pub use cli::{Cli, Method, Rate};
+pub use cli::{Cli, Method};
 pub use output::Format;
-pub use postures::Postures;
+pub use poses::postures::Postures;
 pub use program::execute;
 pub use run::{Summary, run};
-pub use trajectory::Trajectory;
 
 use rt::{Exit, Failure};
 use std::path::Path;

@@ -1,14 +1,14 @@
 //! Processes the whole folder: the files, their order, the threads, and the outcome of each file.
 
-use super::cli::{Cli, Method, Rate};
+use super::cli::{Cli, Method};
 use super::failed;
 use super::manifest::{Entry, Manifest, sha256_file};
 use super::output::Writer;
-use super::postures::Postures;
 use super::safe;
-use super::trajectory::Trajectory;
 use indicatif::ProgressBar;
 use messages::JOINTS_MAX;
+use poses::postures::Postures;
+use poses::retargeted::{Rate, Retargeted};
 use rayon::ThreadPoolBuilder;
 use rayon::iter::{ParallelBridge, ParallelIterator};
 use robot::Model;
@@ -230,7 +230,7 @@ fn make(shared: &Shared<'_>, job: &Job) -> Result<Outcome, Failure> {
         let rate_hz = f64::from(messages::TICK_HZ as u32);
         written(shared, job, rate_hz, rows.len(), rows.into_iter().map(Ok))?
     } else {
-        let trajectory = Trajectory::new(shared.postures, &motion, cli.calibration, cli.rate);
+        let trajectory = Retargeted::new(shared.postures, &motion, cli.calibration, cli.rate);
         written(shared, job, trajectory.rate_hz(), trajectory.rows(), trajectory)?
     };
     let Some((mut writer, postures)) = count else { return Ok(Outcome::Interrupted) };

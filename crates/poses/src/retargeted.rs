@@ -1,14 +1,22 @@
-//! Converts a motion to joint positions over time.
+//! Converts a motion to joint positions over time: postures, before whole-body control and before the safety gate.
 
-use super::cli::Rate;
-use super::postures::Postures;
+use crate::postures::Postures;
 use messages::{JOINTS_MAX, LIMBS};
 use motion::{CalibrationMode, Motion};
 use retarget::{ARMS, ArmQ, Limbs, Sample, interpolate_latent};
 
+/// Number of postures per second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rate {
+    /// One for each frame of the motion.
+    Source,
+    /// This many. Between the frames of the motion they lie on straight lines of the latent space.
+    Hz(f64),
+}
+
 /// Steps through a motion. It is an iterator of time (s, from the first frame) and all joints (rad, lift in m).
 /// Its error is the frame that cannot be retargeted, and the reason.
-pub struct Trajectory<'a> {
+pub struct Retargeted<'a> {
     postures: &'a Postures,
     limbs: Vec<[[f32; 4]; LIMBS]>,
     source_hz: f64,
@@ -19,7 +27,7 @@ pub struct Trajectory<'a> {
     previous: Option<[ArmQ; ARMS]>,
 }
 
-impl<'a> Trajectory<'a> {
+impl<'a> Retargeted<'a> {
     /// Creates the trajectory of `motion`. The live stage's code computes the limb rotations, and `calibration`
     /// determines the elbow hinges.
     pub fn new(postures: &'a Postures, motion: &Motion, calibration: CalibrationMode, rate: Rate) -> Self {
@@ -27,6 +35,7 @@ impl<'a> Trajectory<'a> {
         Self { postures, limbs, source_hz: motion.frame_rate_hz, rate, next: 0, window: [None; 2], previous: None }
     }
 
+    /// Returns the number of postures.
     pub fn rows(&self) -> usize {
         match self.rate {
             Rate::Source => self.limbs.len(),
@@ -39,6 +48,7 @@ impl<'a> Trajectory<'a> {
         }
     }
 
+    /// Returns the number of postures per second.
     pub fn rate_hz(&self) -> f64 {
         match self.rate {
             Rate::Source => self.source_hz,
@@ -83,7 +93,7 @@ impl<'a> Trajectory<'a> {
     }
 }
 
-impl Iterator for Trajectory<'_> {
+impl Iterator for Retargeted<'_> {
     type Item = Result<(f64, [f64; JOINTS_MAX]), (usize, &'static str)>;
 
     fn next(&mut self) -> Option<Self::Item> {

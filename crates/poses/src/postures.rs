@@ -1,7 +1,7 @@
 //! Converts one pose of both arms to joint positions, with the retargeting's own steps, without its clock.
 
 use messages::JOINTS_MAX;
-use retarget::{ARMS, ArmModel, ArmQ, Limbs, PostureSolver, Sample, Weights};
+use retarget::{ARMS, ArmModel, ArmQ, Latent, Limbs, PostureSolver, Sample, Weights};
 use robot::{Arm, Model};
 
 /// Data that all poses share.
@@ -39,6 +39,13 @@ impl Postures {
         let previous = std::array::from_fn(|arm| previous.map(|q| q[arm]));
         let [left, right] = self.solver.next(&samples.map(Some), &previous);
         Some([left?, right?])
+    }
+
+    /// Returns the decoded joint positions of both arms without refinement, rad. None without a network, or if the positions
+    /// are not finite.
+    pub fn decode(&self, latents: &[Latent; ARMS]) -> Option<[ArmQ; ARMS]> {
+        let q = self.solver.network.as_ref()?.decode(latents);
+        q.iter().flatten().all(|q| q.is_finite()).then_some(q)
     }
 
     /// Returns all joints, rad (lift in m). Joints that no limb determines are at home.
