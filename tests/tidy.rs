@@ -68,7 +68,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
         "world",
         &[
             "messages", "robot", "driver", "layouts", "retarget", "follow", "wbc", "safety", "plant", "checker",
-            "motion", "bus", "client", "ingest", "config", "control", "skeleton",
+            "motion", "bus", "client", "ingest", "config", "control", "explain", "skeleton",
         ],
     ),
     ("teleopctl", &["bus", "config", "explain", "instance", "messages", "operator", "robot", "rt", "skeleton"]),

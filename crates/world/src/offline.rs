@@ -76,6 +76,8 @@ pub struct PlayedTick<'a> {
     pub row: Option<Row>,
     /// Frames of the motion played, and their total number.
     pub progress: (u64, u64),
+    /// Newest frame of the motion as it is played. `None` before the motion begins.
+    pub frame: Option<usize>,
 }
 
 /// A run in progress.
@@ -180,13 +182,24 @@ impl Offline {
         &self.status
     }
 
+    /// The checker of the executed commands, with the dynamics of the links.
+    pub(crate) fn checker_config(&self) -> &checker::Config {
+        self.config.checker()
+    }
+
+    /// Frames per second of the motion as it is played.
+    pub(crate) fn played_rate_hz(&self) -> f64 {
+        self.player.motion().frame_rate_hz
+    }
+
     /// Judgement of the joints' true motion so far.
     pub fn judged(&self) -> &plant::Report {
         self.world.judged()
     }
 
     fn played<'a>(&self, moment: &'a Moment, operator: &'a OperatorView, row: Option<Row>) -> PlayedTick<'a> {
-        PlayedTick { moment, operator, row, progress: self.player.progress() }
+        let frame = self.report.frames.last().map(|(frame, _)| *frame);
+        PlayedTick { moment, operator, row, progress: self.player.progress(), frame }
     }
 
     /// Returns the reason if the run ends before row `k`.

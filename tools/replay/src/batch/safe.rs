@@ -1,13 +1,11 @@
 //! Plays a motion through all stages in virtual time, and keeps every command.
 
 use super::run::{Rows, Shared};
-use client::PlayOptions;
 use messages::TICK_HZ;
 use motion::Motion;
-use robot::Names;
 use rt::{Exit, Failure};
 use std::path::Path;
-use world::{Offline, OfflineEnd};
+use world::Uncertified;
 
 /// Largest number of commands of a file: ten minutes, 180 MB. `replay --offline` has no bound.
 const COMMANDS_MAX: usize = 600 * TICK_HZ as usize;
@@ -23,29 +21,20 @@ pub(super) fn commands(
     interrupted: impl Fn() -> bool,
 ) -> Result<Option<Rows>, Failure> {
     let Some(loaded) = &shared.loaded else { return Ok(None) };
-    let options = PlayOptions { speed: 1.0, looped: false, calibration: shared.cli.calibration };
-    let mut offline = Offline::new(loaded, motion, options).map_err(Failure::with(Exit::Config))?;
     let mut rows = Vec::new();
-    let played = offline.try_play(|tick| {
-        if let Some(row) = tick.row {
-            rows.push((row.k as f64 / TICK_HZ as f64, row.command));
-        }
+    let certified = world::certify(loaded, motion, shared.cli.calibration, 1, |row| {
+        rows.push((row.k as f64 / TICK_HZ as f64, row.q));
         if rows.len() > COMMANDS_MAX || interrupted() { Err(()) } else { Ok(()) }
     });
     let failed = |why: String| Failure::new(Exit::Failed, format!("{}: {why}", input.display()));
-    match played {
-        Err(()) if rows.len() > COMMANDS_MAX => {
+    match certified {
+        Ok(_) => Ok(Some(rows)),
+        Err(Uncertified::Ended(())) if rows.len() > COMMANDS_MAX => {
             let seconds = COMMANDS_MAX / TICK_HZ as usize;
             Err(failed(format!("longer than {seconds} s; play it alone with replay --offline, which has no bound")))
         }
-        Err(()) => Ok(None),
-        Ok(OfflineEnd::Stopped(what)) => {
-            let why = explain::why_stopped(offline.status(), &Names::from_model(&loaded.model));
-            Err(failed(why.map_or(what.clone(), |why| format!("{what}: {why}"))))
-        }
-        Ok(OfflineEnd::AtRest) => {
-            let broken: Vec<_> = offline.report().violations.iter().filter(|(_, count)| **count > 0).collect();
-            if broken.is_empty() { Ok(Some(rows)) } else { Err(failed(format!("a limit was broken: {broken:?}"))) }
-        }
+        Err(Uncertified::Ended(())) => Ok(None),
+        Err(Uncertified::Settings(error)) => Err(Failure::new(Exit::Config, error)),
+        Err(Uncertified::Refused(why)) => Err(failed(why)),
     }
 }
