@@ -11,9 +11,6 @@ const ROBOT: &str = ".toml";
 /// Ends of other files beside robot files.
 const NO_ROBOT: &str = ".look.toml";
 
-/// Robot and weights of a program that reads no settings and gets no options.
-const SHIPPED: [&str; 2] = ["config/robots/tiago_dual.toml", "weights/tiago_dual"];
-
 /// Value of `--robot`: the name of a robot, or its file. A value with a slash or the extension .toml is a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RobotChoice(String);
@@ -70,12 +67,14 @@ impl RobotChoice {
 
     /// Returns the robot file of a program that reads no settings.
     pub fn shipped_file(&self) -> Result<PathBuf, ConfigError> {
-        self.file_beside(Path::new(SHIPPED[0]))
+        let [robot, _] = instance::default_robot();
+        self.file_beside(&robot)
     }
 
     /// Returns the weights for a program that reads no settings, as a path without extension.
     pub fn shipped_weights(&self) -> PathBuf {
-        self.weights_beside(Path::new(SHIPPED[1]))
+        let [_, weights] = instance::default_robot();
+        self.weights_beside(&weights)
     }
 
     fn own_weights(&self, others: &Path) -> PathBuf {

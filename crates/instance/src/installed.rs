@@ -5,6 +5,11 @@ use std::path::{Path, PathBuf};
 /// Settings and motions of a source tree.
 const CONFIG: &str = "config/teleop.toml";
 const MOTIONS: &str = "tools/replay/motions";
+/// Folder of the robots of a source tree.
+const CONFIG_FOLDER: &str = "config";
+/// The first robot, in that folder or in the data folder, and its weights, in the present folder or in the data folder.
+const ROBOT: &str = "robots/tiago_dual.toml";
+const WEIGHTS: &str = "weights/tiago_dual";
 /// Settings that the package installs, and the run folder of its systemd units.
 const PACKAGE_CONFIG: &str = "/etc/teleop/teleop.toml";
 const PACKAGE_RUN_DIR: &str = "/run/teleop";
@@ -22,6 +27,13 @@ pub fn default_config() -> PathBuf {
 /// Folder of an instance without `--run-dir`.
 pub fn default_run_dir() -> PathBuf {
     first_there([is_installed().then(|| PACKAGE_RUN_DIR.into())]).unwrap_or_else(|| crate::DEFAULT_RUN_DIR.into())
+}
+
+/// Robot file and weights (without extension) of an instance whose program reads no settings. Other robots are beside them.
+pub fn default_robot() -> [PathBuf; 2] {
+    let share = first_there([share()]);
+    let weights = share.clone().unwrap_or_default().join(WEIGHTS);
+    [share.unwrap_or_else(|| CONFIG_FOLDER.into()).join(ROBOT), weights]
 }
 
 /// Folder of the motions with captions.
@@ -89,5 +101,6 @@ mod tests {
         assert_eq!(default_config(), Path::new("config/teleop.toml"));
         assert_eq!(default_run_dir(), Path::new("/tmp/teleopd"));
         assert_eq!(default_motions(), Path::new("tools/replay/motions"));
+        assert_eq!(default_robot(), ["config/robots/tiago_dual.toml", "weights/tiago_dual"].map(PathBuf::from));
     }
 }

@@ -5,6 +5,6 @@ mod installed;
 mod instance;
 mod names;
 
-pub use installed::{default_config, default_motions, default_run_dir, is_installed};
+pub use installed::{default_config, default_motions, default_robot, default_run_dir, is_installed};
 pub use instance::{DEFAULT_RUN_DIR, Instance, write_anew};
 pub use names::{read_names, write_names};

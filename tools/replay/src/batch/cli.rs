@@ -71,7 +71,7 @@ pub struct Cli {
     #[arg(long, conflicts_with_all = ["rate", "method", "refine_steps", "weights"])]
     pub safe: bool,
     /// Settings of --safe.
-    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
+    #[arg(long, value_name = "FILE", default_value_os_t = instance::default_config())]
     pub config: PathBuf,
     #[command(flatten)]
     pub load: LoadOptions,
