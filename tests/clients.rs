@@ -168,6 +168,49 @@ def at(i):
     return [all[joint] for joint in range(22)]
 ";
 
+/// The session of the package `teleopd`, which publishes until the robot follows.
+const SESSION: &str = "\
+import sys
+sys.path.insert(0, sys.argv[1])
+import own_person
+from package.client import rate
+from package.session import Session
+with Session(sys.argv[1]) as session:
+    for i in rate(60):
+        session.publish(own_person.at(i))
+        if session.mode == 'Engaged': break
+    print(session.mode, session.sentence)
+";
+
+#[test]
+fn python_session_publishes_and_reads_the_mode() {
+    in_real_time(|| {
+        let Some(python) = python_with(&["numpy"]) else { return };
+        let rig = Rig::whole();
+        let operator = rig.operator_session();
+        std::fs::write(rig.folder().join("own_person.py"), OWN_PERSON).expect("a file");
+        // The parts that need no extension.
+        let package = rig.folder().join("package");
+        std::fs::create_dir_all(package.join("client")).expect("a folder");
+        std::fs::write(package.join("__init__.py"), "").expect("a file");
+        for (from, to) in [
+            ("crates/python/teleopd/session.py", "session.py"),
+            ("tools/clients/python/teleopd_client/__init__.py", "client/__init__.py"),
+            ("tools/clients/python/teleopd_client/layout.py", "client/layout.py"),
+        ] {
+            std::fs::copy(repository().join(from), package.join(to)).expect("copied");
+        }
+        let mut script = Command::new(&python);
+        script.args(["-c", SESSION]).arg(rig.folder()).stdin(Stdio::null()).stdout(Stdio::piped());
+        let mut script = Killed(script.spawn().expect("it starts"));
+        operator.engage_until(Mode::Engaged);
+        let mut printed = String::new();
+        script.stdout.take().expect("a pipe").read_to_string(&mut printed).expect("its words");
+        assert!(printed.starts_with("Engaged ") && printed.trim().len() > 12, "{printed}");
+        operator.wait_mode(Mode::Disengaged);
+    });
+}
+
 #[test]
 fn python_client_grips_and_reads_what_the_robot_answers() {
     in_real_time(|| {

@@ -74,6 +74,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("teleopctl", &["bus", "config", "explain", "instance", "messages", "operator", "robot", "rt", "skeleton"]),
     ("view", &["messages", "robot", "doors", "operator", "instance", "explain", "config", "bus", "rt"]),
     ("poses", &["messages", "motion", "retarget", "robot", "rt"]),
+    ("python", &["config", "messages", "motion", "poses", "retarget", "robot", "rt", "world"]),
     ("ros2", &["config", "driver", "instance", "messages", "robot", "rt", "safety", "teleopd"]),
 ];
 

@@ -1,0 +1,62 @@
+//! The package in a virtual environment: its examples, and the same numbers as the program `replay`.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Lays the package out in a folder below the target folder, as an installation has it, and returns the folder.
+fn package() -> PathBuf {
+    let tree = harness::repository();
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-package");
+    let _ = std::fs::remove_dir_all(&folder);
+    let copies = [("crates/python/teleopd", "teleopd"), ("tools/clients/python/teleopd_client", "teleopd/client")];
+    for (from, to) in copies {
+        std::fs::create_dir_all(folder.join(to)).expect("a folder");
+        let files = std::fs::read_dir(tree.join(from)).expect("a folder").map(|entry| entry.expect("an entry").path());
+        for file in files.filter(|file| file.is_file()) {
+            std::fs::copy(&file, folder.join(to).join(file.file_name().expect("a name"))).expect("copied");
+        }
+    }
+    let built = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().expect("the target folder");
+    let programs = std::env::current_exe().expect("a test is a program");
+    let programs = programs.parent().expect("a folder").to_path_buf();
+    let native = programs.join("lib_native.so");
+    assert!(native.exists(), "{} is built with the tests, into {}", native.display(), built.display());
+    std::fs::copy(native, folder.join("teleopd/_native.abi3.so")).expect("copied");
+    folder
+}
+
+/// Runs a script of this folder with the package. Prints the reason if this machine cannot.
+fn run(script: &str, packages: &[&str], arguments: &[&Path]) {
+    let venv = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-venv");
+    let python = match harness::python(&venv, packages) {
+        Ok(python) => python,
+        Err(why) => return println!("skipped: no NumPy for Python: {why}"),
+    };
+    let version = Command::new(&python).args(["-c", "import sys; sys.exit(sys.version_info < (3, 10))"]).status();
+    if !version.expect("it starts").success() {
+        return println!("skipped: python3 is older than 3.10");
+    }
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests").join(script);
+    let mut command = Command::new(python);
+    command.arg(script).args(arguments).env("PYTHONPATH", package()).current_dir(harness::repository());
+    let output = command.output().expect("it starts");
+    assert!(output.status.success(), "{}{}", String::from_utf8_lossy(&output.stdout), harness::stderr(&output));
+    print!("{}", String::from_utf8_lossy(&output.stdout));
+}
+
+#[test]
+fn python_library_runs_its_examples_and_equals_replay() {
+    run("examples.py", &["numpy", "matplotlib"], &[]);
+    let replay = std::env::current_exe().expect("a test is a program");
+    let replay = replay.ancestors().nth(2).expect("a folder").join("replay");
+    if !replay.exists() {
+        return println!("skipped: replay is not built (cargo build --release -p replay)");
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::create_dir(folder.path().join("in")).expect("a folder");
+    let mut clip = motion::builtin();
+    clip.frames = clip.frames[400..560].to_vec();
+    clip.first = clip.frames.first().copied();
+    motion::save_bvh(&clip, &folder.path().join("in/clip.bvh")).expect("saved");
+    run("equal.py", &["numpy"], &[folder.path(), &replay]);
+}
