@@ -84,6 +84,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("judge", &["collision"]),
     ("fuzz-targets", &["bridge"]),
     ("bridge", &[]),
+    ("bundle", &["record", "replay", "teleopd"]),
     ("canvas", &[]),
     ("chaos", &["harness", "report", "teleopd"]),
     ("collision", &[]),
