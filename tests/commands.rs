@@ -30,7 +30,7 @@ const NETWORK: &str = "needs a network";
 const ROOT: &str = "needs root. tests/systemd runs the units";
 
 /// Rows by the beginning of the command. The first match applies.
-const ROWS: [(&str, How); 69] = [
+const ROWS: [(&str, How); 73] = [
     ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
     ("cargo run --release -- demo --robot", Ends(DEMO, "")),
     ("cargo run --release -- demo --motion", Ends(DEMO, "--seconds 3")),
@@ -41,6 +41,8 @@ const ROWS: [(&str, How); 69] = [
     ("cargo run --release --bin teleopctl -- engage", Beside("the enable is held", 1, AT)),
     ("python3 -m venv venv && venv/bin/pip install ./tools/clients/python", Tested("tests/clients.rs")),
     ("venv/bin/teleopd-replay", Tested("tests/clients.rs")),
+    ("python3 -m venv venv && venv/bin/pip install target/dist", Tested("tests/package.rs")),
+    ("venv/bin/teleopd demo", Tested("tests/package.rs")),
     ("python3 -m venv venv && venv/bin/pip install -r tools/peer", Tested("tests/ros2.rs")),
     ("venv/bin/python tools/peer/peer.py", Tested("tests/ros2.rs")),
     ("venv/bin/", Tested("tests/clients.rs")),
@@ -60,6 +62,8 @@ const ROWS: [(&str, How); 69] = [
     ("pip install", Listed(NETWORK, "2026-11-25")),
     ("cargo zigbuild", Listed("needs zig", "2026-11-25")),
     ("cargo run --release -p dist -- --tarball", Listed("needs programs for an older glibc", "2026-11-25")),
+    ("cargo run --release -p dist -- --wheel", Tested("tests/package.rs")),
+    ("cargo build --profile wheel", Listed("builds everything again for many minutes", "2026-11-30")),
     ("cargo run --release -p dist", Tested("tools/dist/tests/table.rs")),
     ("cargo run --release -p collision -- fit --urdf target/own", Ends(&[0], "")),
     ("cargo run --release -p collision -- limits", Ends(&[0], "--states 5000")),

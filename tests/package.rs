@@ -180,3 +180,68 @@ fn package_holds_its_files_and_its_settings_are_accepted() {
         assert!(printed.contains(read), "check read no {read}:\n{printed}");
     }
 }
+
+/// Builds the wheel from the programs that are already built. The error says why there is none.
+fn wheel(folder: &Path) -> Result<PathBuf, String> {
+    for needed in ["maturin", "strip"] {
+        if !Command::new(needed).arg("--version").output().is_ok_and(|output| output.status.success()) {
+            return Err(format!("{needed} is not installed"));
+        }
+    }
+    let built = Path::new(env!("CARGO_BIN_EXE_teleopd")).parent().expect("a folder");
+    for needed in ["dist", "bundle"] {
+        if !built.join(needed).exists() {
+            return Err(format!("{needed} is not built (cargo build --release --workspace)"));
+        }
+    }
+    let mut dist = Command::new(built.join("dist"));
+    dist.args(["--wheel", "--this-machine", "--out"]).arg(folder).arg("--programs").arg(built);
+    run(dist.current_dir(root())).ok_or("dist does not run")?;
+    let wheels = std::fs::read_dir(folder.join("wheel/wheels")).expect("a folder");
+    wheels.flatten().map(|entry| entry.path()).next().ok_or("dist wrote no wheel".into())
+}
+
+#[test]
+fn wheel_installs_and_its_programs_run() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = match wheel(folder.path()) {
+        Ok(file) => file,
+        Err(reason) => return println!("skipped: {reason}"),
+    };
+    let venv = folder.path().join("venv");
+    let python = match harness::python(&venv, &[file.to_str().expect("UTF-8")]) {
+        Ok(python) => python,
+        Err(why) => return println!("skipped: no NumPy for Python: {why}"),
+    };
+    let share = venv.join("share/teleopd");
+    for kind in ["robots", "skeletons"] {
+        let here = files(&format!("config/{kind}"));
+        let installed = std::fs::read_dir(share.join(kind)).expect("a folder").count();
+        assert!(installed > 0 && installed == here.len(), "{installed} {kind} of {here:?}");
+    }
+    let elsewhere = |program: &Path| {
+        let mut command = Command::new(program);
+        command.current_dir(folder.path());
+        command
+    };
+    let program = |name: &str| elsewhere(&venv.join("bin").join(name));
+    let checked = run(program("teleopd").arg("check")).expect("teleopd");
+    let read = share.join("weights/tiago_dual.safetensors");
+    let printed = String::from_utf8_lossy(&checked.stdout);
+    assert!(printed.contains(&read.display().to_string()), "check read no {}:\n{printed}", read.display());
+    run(program("teleopctl").arg("--version")).expect("teleopctl");
+    run(program("record").arg("--version")).expect("record");
+    std::fs::create_dir(folder.path().join("in")).expect("a folder");
+    std::fs::copy(root().join("tools/replay/motions/box.bvh"), folder.path().join("in/box.bvh")).expect("copied");
+    run(program("replay").args(["batch", "--safe", "--input", "in", "--out", "out"])).expect("replay");
+    let script = "import teleopd; print(teleopd.certify(teleopd.read_motion('in/box.bvh')).positions[-1].tolist())";
+    let certified = run(elsewhere(&python).args(["-c", script])).expect("Python");
+    let certified = String::from_utf8_lossy(&certified.stdout).into_owned();
+    assert!(certified.split(',').count() == 17, "{certified}");
+    let mut demo = program("teleopd");
+    let demo = demo.args(["demo", "--seconds", "3", "--run-dir"]).arg(folder.path().join("run")).output();
+    let demo = demo.expect("it starts");
+    let verdict = String::from_utf8_lossy(&demo.stdout).into_owned();
+    assert!(demo.status.code().is_some_and(|code| code == 0 || code == 2), "{verdict}{}", harness::stderr(&demo));
+    assert!(verdict.contains("smallest clearance"), "{verdict}");
+}

@@ -3,6 +3,8 @@
     equal.py FOLDER REPLAY
 """
 
+import os
+import re
 import signal
 import subprocess
 import sys
@@ -80,6 +82,18 @@ assert np.array_equal(commands["positions"][-len(every) :], every.positions)
 assert recording.messages["skeletons"]["positions"].shape[1:] == (22, 3)
 fewer = teleopd.read_recording(folder / "out.mcap", rate_hz=50)
 assert 25 < len(commands["k"]) / len(fewer.messages["commands"]["k"]) < 35
+
+# The book's examples, beside the recording that they read.
+book = Path(__file__).resolve().parents[3] / "docs/src/python.md"
+blocks = re.findall(r"```python\n(.*?)```", book.read_text(), re.S)
+assert len(blocks) == 3, len(blocks)
+here = os.getcwd()
+os.chdir(folder)
+names = {}
+for block in blocks:
+    exec(compile(block, str(book), "exec"), names)
+os.chdir(here)
+assert names["q"].shape == (1314, 17) and names["between"].shape == (17,)
 
 # Errors name shape, unit and bound.
 refused(ValueError, ["positions", "(3, 21, 3)", "(N, 22, 3)", "m"], lambda: retargeter.retarget(np.zeros((3, 21, 3))))

@@ -4,6 +4,7 @@
 mod commands;
 mod notices;
 mod tarball;
+mod wheel;
 
 use clap::Parser;
 use rt::{Exit, Failure};
@@ -20,11 +21,15 @@ struct Cli {
     /// Also write an archive of the programs, which can be unpacked anywhere. They must run with glibc 2.31.
     #[arg(long)]
     tarball: bool,
-    /// The archive is for this machine and those with a glibc that is not older.
-    #[arg(long, requires = "tarball")]
+    /// Also write a wheel for Python with the extension, the programs and their files. They must run with glibc 2.28. It needs
+    /// maturin.
+    #[arg(long)]
+    wheel: bool,
+    /// The archive or the wheel is for this machine and those with a glibc that is not older.
+    #[arg(long)]
     this_machine: bool,
-    /// Folder of the programs in the archive.
-    #[arg(long, value_name = "DIR", default_value = "target/release", requires = "tarball")]
+    /// Folder of the programs in the archive and in the wheel.
+    #[arg(long, value_name = "DIR", default_value = "target/release")]
     programs: PathBuf,
 }
 
@@ -46,6 +51,10 @@ fn write(cli: &Cli) -> Result<(), String> {
     if cli.tarball {
         let archive = tarball::write(&root, &cli.programs, out, &settings_with(&text, "")?, cli.this_machine)?;
         println!("wrote {}", archive.display());
+    }
+    if cli.wheel {
+        let wheel = wheel::write(&root, &cli.programs, out, &settings_with(&text, "")?, cli.this_machine)?;
+        println!("wrote {}", wheel.display());
     }
     Ok(())
 }

@@ -54,17 +54,12 @@ pub fn write(root: &Path, programs: &Path, out: &Path, settings: &str, any_glibc
     let mut files: BTreeMap<String, Content> = BTreeMap::new();
     for (program, as_name) in PROGRAMS {
         let path = programs.join(program);
-        refuse_new_glibc(&path, any_glibc)?;
+        refuse_new_glibc(&path, GLIBC_MAX, any_glibc)?;
         files.insert(format!("bin/{as_name}"), Content::Program(path));
     }
     files.extend(LINKS.map(|link| (format!("bin/{link}"), Content::Link(LINKED))));
-    for (folder, endings, to) in FOLDERS {
-        for path in files_of(&root.join(folder))? {
-            let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or("");
-            if endings.contains(&ending) {
-                files.insert(format!("{to}/{}", file_name(&path)), Content::File(path));
-            }
-        }
+    for (path, to) in listed(root)? {
+        files.insert(to, Content::File(path));
     }
     for folder in ["man", "completions/bash", "completions/zsh", "completions/fish"] {
         for path in files_of(&out.join(folder))? {
@@ -77,6 +72,26 @@ pub fn write(root: &Path, programs: &Path, out: &Path, settings: &str, any_glibc
     let path = out.join(format!("{name}.tar.gz"));
     pack(&path, &name, &files).map_err(|error| format!("{}: {error}", path.display()))?;
     Ok(path)
+}
+
+/// Returns the files of [`FOLDERS`] with their destinations.
+fn listed(root: &Path) -> Result<Vec<(PathBuf, String)>, String> {
+    let mut all = Vec::new();
+    for (folder, endings, to) in FOLDERS {
+        for path in files_of(&root.join(folder))? {
+            let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or("");
+            if endings.contains(&ending) {
+                let to = format!("{to}/{}", file_name(&path));
+                all.push((path, to));
+            }
+        }
+    }
+    Ok(all)
+}
+
+/// Returns the files that the programs read, with their destinations.
+pub fn data_files(root: &Path) -> Result<Vec<(PathBuf, String)>, String> {
+    Ok(listed(root)?.into_iter().filter(|(_, to)| to.starts_with("share/")).collect())
 }
 
 enum Content {
@@ -116,31 +131,32 @@ fn read(path: &Path) -> std::io::Result<Vec<u8>> {
     std::fs::read(path).map_err(|error| std::io::Error::new(error.kind(), format!("{}: {error}", path.display())))
 }
 
-fn file_name(path: &Path) -> String {
+pub fn file_name(path: &Path) -> String {
     path.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned())
 }
 
-fn files_of(folder: &Path) -> Result<Vec<PathBuf>, String> {
+pub fn files_of(folder: &Path) -> Result<Vec<PathBuf>, String> {
     let entries = std::fs::read_dir(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     Ok(entries.flatten().map(|entry| entry.path()).filter(|path| path.is_file()).collect())
 }
 
-fn refuse_new_glibc(program: &Path, any_glibc: bool) -> Result<(), String> {
+/// Refuses a program that needs a newer glibc than `most`, unless any will do.
+pub fn refuse_new_glibc(program: &Path, most: Version, any_glibc: bool) -> Result<(), String> {
     let bytes = std::fs::read(program).map_err(|error| {
         format!("{}: {error}; build it first: cargo build --release --workspace", program.display())
     })?;
-    match newest_glibc(&bytes).filter(|needed| *needed > GLIBC_MAX && !any_glibc) {
+    match newest_glibc(&bytes).filter(|needed| *needed > most && !any_glibc) {
         None => Ok(()),
         Some([major, minor]) => Err(format!(
-            "{} needs glibc {major}.{minor}, but the archive must run with {}.{}. Build for that version: pip install \
+            "{} needs glibc {major}.{minor}, but this must run with {}.{}. Build for that version: pip install \
              ziglang cargo-zigbuild && cargo zigbuild --release --workspace --target {}-unknown-linux-gnu.{}.{}, then \
              give its folder as --programs. Or give --this-machine",
             program.display(),
-            GLIBC_MAX[0],
-            GLIBC_MAX[1],
+            most[0],
+            most[1],
             std::env::consts::ARCH,
-            GLIBC_MAX[0],
-            GLIBC_MAX[1],
+            most[0],
+            most[1],
         )),
     }
 }
@@ -176,12 +192,12 @@ mod tests {
     fn program_that_needs_a_newer_glibc_is_refused_with_advice() {
         let folder = tempfile::tempdir().expect("a folder");
         let program = folder.path().join("teleopd");
-        assert!(refuse_new_glibc(&program, true).unwrap_err().contains("build it first"));
+        assert!(refuse_new_glibc(&program, GLIBC_MAX, true).unwrap_err().contains("build it first"));
         std::fs::write(&program, b"\0GLIBC_2.31\0").expect("written");
-        assert_eq!(refuse_new_glibc(&program, false), Ok(()));
+        assert_eq!(refuse_new_glibc(&program, GLIBC_MAX, false), Ok(()));
         std::fs::write(&program, b"\0GLIBC_2.34\0").expect("written");
-        assert_eq!(refuse_new_glibc(&program, true), Ok(()));
-        let refused = refuse_new_glibc(&program, false).unwrap_err();
+        assert_eq!(refuse_new_glibc(&program, GLIBC_MAX, true), Ok(()));
+        let refused = refuse_new_glibc(&program, GLIBC_MAX, false).unwrap_err();
         assert!(refused.contains("needs glibc 2.34") && refused.contains("zigbuild"), "{refused}");
     }
 
