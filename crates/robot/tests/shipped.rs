@@ -2,7 +2,7 @@
 
 use crate::support;
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use robot::{AllowedReason, Form, Frames, Inertia};
 use std::f64::consts::FRAC_PI_2;
 use support::{GRIPPER_TOML, GRIPPER_URDF, LEFT_ARM, RIGHT_ARM, TOML, URDF, load, shipped};
@@ -186,6 +186,26 @@ fn shapes_of_invalid_size_are_left_out() {
         assert!(count(bad) < all, "{bad}");
     }
     assert_eq!(count("<sphere radius=\"0.2\"/>"), all);
+}
+
+/// The largest principal moment of a rigid body is at most the sum of the others. Other readers of URDF refuse more.
+#[test]
+fn shipped_inertias_are_those_of_rigid_bodies() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots");
+    let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let mut count = 0;
+    for file in files.filter(|file| file.extension().is_some_and(|extension| extension == "urdf")) {
+        let robot = robot::read_urdf(&file.display().to_string(), &std::fs::read_to_string(&file).unwrap()).unwrap();
+        for link in &robot.links {
+            let i = &link.inertial.inertia;
+            let moments = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
+            let moments = moments.symmetric_eigenvalues();
+            let (least, others) = (moments.min(), moments.sum() - moments.max());
+            assert!(least >= 0.0 && moments.max() <= others, "{}: {}: {moments}", file.display(), link.name);
+        }
+        count += 1;
+    }
+    assert!(count >= 6, "{count} robots");
 }
 
 /// The centres of the shipped files are where the hands grasp, in the frame of the arm's last body.
