@@ -26,6 +26,8 @@ pub enum Form {
     Box([f64; 3]),
     /// A cylinder along z.
     Cylinder { radius_m: f64, length_m: f64 },
+    /// A cylinder of this length along z, with a half sphere at each end.
+    Capsule { radius_m: f64, length_m: f64 },
     /// A sphere around the origin.
     Sphere { radius_m: f64 },
 }
@@ -35,6 +37,7 @@ impl Form {
         match *self {
             Self::Box(size_m) => size_m,
             Self::Cylinder { radius_m, length_m } => [radius_m, radius_m, length_m],
+            Self::Capsule { radius_m, length_m } => [radius_m, radius_m, length_m + 2.0 * radius_m],
             Self::Sphere { radius_m } => [radius_m; 3],
         }
     }
@@ -101,7 +104,8 @@ pub(crate) fn read(visuals: &[urdf_rs::Visual]) -> Vec<Visual> {
             Geometry::Box { size } => Form::Box(*size),
             Geometry::Cylinder { radius, length } => Form::Cylinder { radius_m: radius, length_m: length },
             Geometry::Sphere { radius } => Form::Sphere { radius_m: radius },
-            Geometry::Capsule { .. } | Geometry::Mesh { .. } => return None,
+            Geometry::Capsule { radius, length } => Form::Capsule { radius_m: radius, length_m: length },
+            Geometry::Mesh { .. } => return None,
         };
         let body_from_shape = Pose::from_xyz_rpy(*visual.origin.xyz, *visual.origin.rpy);
         Some(Visual { body: 0, body_from_shape, form })
@@ -125,7 +129,7 @@ impl Model {
         })
     }
 
-    /// The boxes, cylinders and spheres of the URDF's visuals. Meshes are left out.
+    /// The boxes, cylinders, capsules and spheres of the URDF's visuals. Meshes are left out.
     pub fn visuals(&self) -> impl Iterator<Item = Visual> {
         self.links.iter().flat_map(|link| {
             let in_body = |visual: &Visual| Visual {

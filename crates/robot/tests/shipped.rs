@@ -186,6 +186,7 @@ fn shapes_of_invalid_size_are_left_out() {
         assert!(count(bad) < all, "{bad}");
     }
     assert_eq!(count("<sphere radius=\"0.2\"/>"), all);
+    assert_eq!(count("<capsule radius=\"0.2\" length=\"0.4\"/>"), all);
 }
 
 /// The largest principal moment of a rigid body is at most the sum of the others. Other readers of URDF refuse more.

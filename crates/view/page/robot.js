@@ -39,7 +39,7 @@ export function capsulesOf(told) {
   }));
 }
 
-// Returns the boxes, cylinders and spheres of the URDF.
+// Returns the boxes, cylinders, capsules and spheres of the URDF.
 export function shapesOf(told) {
   return told.shapes.map((shape) => {
     const [x, y, z, ...turn] = shape.pose;

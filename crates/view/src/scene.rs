@@ -76,6 +76,10 @@ fn shapes(model: &Model) -> Vec<Value> {
             Form::Cylinder { radius_m, length_m } => {
                 json!({ "form": "cylinder", "radius": radius_m, "length": length_m })
             }
+            Form::Capsule { radius_m, length_m } => {
+                let [a, b] = [-0.5, 0.5].map(|end| [0.0, 0.0, end * length_m]);
+                json!({ "form": "capsule", "a": a, "b": b, "radius": radius_m, "top": radius_m })
+            }
             Form::Sphere { radius_m } => json!({ "form": "sphere", "radius": radius_m }),
         };
         shape["body"] = json!(visual.body);

@@ -187,6 +187,19 @@ fn scene_names_every_joint_capsule_and_shape() {
 }
 
 #[test]
+fn capsule_of_the_urdf_is_drawn_with_both_ends() {
+    let mut view = shown();
+    let texts = view.model.texts.clone();
+    let round = texts.urdf.replace("<box size=\"0.5 0.4996 0.275\"/>", "<capsule radius=\"0.2\" length=\"0.4\"/>");
+    view.model = Model::from_text(&texts.toml_name, &texts.toml, &texts.urdf_name, &round).expect("a robot");
+    let encoded = scene(&view);
+    let shapes = encoded["shapes"].as_array().expect("shapes");
+    let capsule = shapes.iter().find(|shape| shape["form"] == "capsule").expect("a capsule");
+    assert_eq!((&capsule["radius"], &capsule["top"]), (&0.2.into(), &0.2.into()));
+    assert_eq!((&capsule["a"][2], &capsule["b"][2]), (&(-0.2).into(), &0.2.into()));
+}
+
+#[test]
 fn lag_is_time_of_joints_behind_command_while_moving() {
     let model = model();
     let (mut state, mut command) = (RobotState::ZERO, JointCommand::ZERO);
