@@ -64,10 +64,12 @@
 //! there. The deviation is a function of the command at that instant alone, so nothing changes below. A
 //! recovery is slow and starts below d_min, so it leaves the deviation out.
 //!
-//! *Rounding.* Separations are sums of products of numbers below 4 m, and err by less than 1e-14 m. Positions
-//! of the plan are recomputed each tick with errors below 1e-15 rad, 5 million ticks an hour. The proof is repeated
-//! from the present state whenever a joint takes a decision. Commands keep 1 um more than the model's d_min. This
-//! covers all of that and the rounding of the gate, which computes the clearance with other code.
+//! *Rounding.* A separation is a sum of products of numbers below 4 m. Its error is below 1e-14 m. In each tick the plan's
+//! positions are computed again from those of the tick before. That adds an error below 1e-15 rad. An hour has 5.4
+//! million ticks, so the errors of an hour add up to less than 1e-8 rad. A proof has to bear only those since its own
+//! start. Each new decision of a joint is proved from the positions that the plan has then. Commands keep 1 um more than
+//! the model's d_min. That is more than all these errors together, and more than the gate's, which computes the clearance
+//! with other code.
 //!
 //! *Induction.* At rest with clearance the constant plan is certified. A motion is accepted if it is proved
 //! from now to rest. Then its remainder is proved too, tick by tick, because the proof covers every instant.
