@@ -231,7 +231,24 @@ impl AttackFigures {
     }
 }
 
+/// Least share of the goals from which the robot must return home. TIAGo++ returned from 168 of 168
+/// (`docs/results/torture.md`). A robot that does not return stands against itself or an obstacle, and so it does in use.
+const RETURNED_SHARE_MIN: f64 = 0.9;
+
 impl Goals {
+    /// Returns the reason why a run with these goals failed. `None` if the robot returned home often enough.
+    pub fn failure(&self) -> Option<String> {
+        let Self { goals, returned, .. } = self;
+        let percent = 100.0 * RETURNED_SHARE_MIN;
+        let sentence = || {
+            format!(
+                "{returned} of {goals} times back home within 8 s, must be at least {percent} %: choose [home_rad] with more \
+                 clearance, or judge the capsules (`collision cover`)"
+            )
+        };
+        (self.share(*returned) < RETURNED_SHARE_MIN).then(sentence)
+    }
+
     /// Share of the goals of which this many count. It is 1 without any goals.
     pub fn share(&self, count: u64) -> f64 {
         if self.goals == 0 { 1.0 } else { count as f64 / self.goals as f64 }

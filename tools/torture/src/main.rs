@@ -64,7 +64,9 @@ fn attack(args: &AttackArgs) -> Result<bool, Failure> {
     } else if no_certificate {
         (ViolationKind::Clearance, "no collision happened without the certificate")
     } else {
-        return Ok(figures.kept());
+        let lost = figures.goals.failure();
+        lost.iter().for_each(|why| eprintln!("torture: {why}"));
+        return Ok(figures.kept() && lost.is_none());
     };
     let found = figures.violations_of(found) > 0;
     if !found {

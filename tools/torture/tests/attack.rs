@@ -8,7 +8,7 @@ use robot::{BoxEntry, Environment, Model};
 use std::path::PathBuf;
 use torture::chunk::{self, PART_TICKS};
 use torture::cli::Changes;
-use torture::figures::{Merge, RunFigures, merged};
+use torture::figures::{Goals, Merge, RunFigures, merged};
 use torture::goals;
 use torture::stages::Subject;
 
@@ -103,6 +103,17 @@ fn most_goals_are_reached() {
     println!("{} of {} goals, {} times back home", all.reached, all.goals, all.returned);
     // The bound is far below the measurement over 168 goals. The test only checks that goals are reached at all.
     assert!(all.goals == 24 && all.share(all.reached) > 0.7, "{all:?}");
+}
+
+#[test]
+fn run_fails_if_the_robot_does_not_return_home() {
+    let goals = |returned| Goals { goals: 20, reached: 20, returned };
+    assert_eq!((goals(20).failure(), goals(18).failure(), Goals::default().failure()), (None, None, None));
+    for returned in [0, 17] {
+        let why = goals(returned).failure().expect("too few returns");
+        let words = format!("{returned} of 20 times back home within 8 s, must be at least 90 %: ");
+        assert!(why.starts_with(&words), "{why}");
+    }
 }
 
 #[test]
