@@ -283,3 +283,27 @@ fn f086_leftovers_of_killed_processes_are_gone_after_next_run() {
         files_below(rig.folder()).into_iter().filter(|path| path.extension().is_some_and(|end| end == "sock"));
     assert_eq!(sockets.collect::<Vec<_>>(), [own], "only that of this test is left");
 }
+
+/// Hands that hang would stand in the floor, because the file lacks the height of the base. The file loads.
+#[test]
+fn doctor_of_a_robot_fails_where_following_would() {
+    let patient = Patient::new();
+    let robots = harness::repository().join("config/robots");
+    std::fs::copy(robots.join("unitree_g1.urdf"), patient.folder.path().join("unitree_g1.urdf")).expect("a URDF");
+    let file = patient.folder.path().join("own.toml");
+    let text = std::fs::read_to_string(robots.join("unitree_g1.toml")).expect("a robot file");
+    for (height_m, level) in [("0.7919", "ok"), ("0.1", "problem")] {
+        let text = text.replace("base_height_m = 0.7919", &format!("base_height_m = {height_m}"));
+        std::fs::write(&file, text).expect("a robot file");
+        let output = patient.shell("", &format!("--robot {}", file.display()));
+        let page = harness::stdout(&output);
+        let line = page.lines().find(|line| line.contains(" hanging hands ")).unwrap_or_else(|| panic!("{page}"));
+        assert!(line.starts_with(level) && line.contains("mm between "), "{line}");
+        let fails = page.contains("not fine for the simulator: ");
+        assert_eq!(
+            (fails, output.status.code() == Some(EX_CONFIG)),
+            (level == "problem", level == "problem"),
+            "{page}"
+        );
+    }
+}

@@ -1,6 +1,7 @@
 //! Examines the machine and gives advice. Only reads: it neither changes nor creates anything on the machine.
 
 mod facts;
+mod following;
 mod judge;
 mod judge_place;
 mod places;
@@ -102,15 +103,19 @@ impl Verdict {
 /// Prints every finding and the verdict, and a page about a robot that the command line chooses. The exit code tells the
 /// verdict.
 pub fn run(options: &Doctor) -> Result<Exit, Failure> {
-    let findings = judge::judge(&facts::Facts::read(&options.place));
+    let mut findings = judge::judge(&facts::Facts::read(&options.place));
+    // A file that does not load is a finding already.
+    let chosen = options.place.robot.as_ref().and_then(|_| options.place.load().ok());
+    let chosen = chosen.map(|loaded| (following::Following::measure(&loaded.model, loaded.weights.as_ref()), loaded));
+    findings.extend(chosen.iter().flat_map(|(following, _)| following.findings()));
     let verdict = Verdict::from_findings(&findings);
     let text = if options.json {
         format!("{:#}\n", json!({ "simulator": verdict.simulator(), "robot": verdict.robot(), "findings": findings }))
     } else {
         findings_text(&findings) + &verdict.text()
     };
-    let text = match (&options.place.robot, options.json) {
-        (Some(_), false) => text + "\n" + &robot::page(&options.place.load()?)?,
+    let text = match (&chosen, options.json) {
+        (Some((following, loaded)), false) => text + "\n" + &robot::page(loaded, following)?,
         _ => text,
     };
     // The reader may have closed the pipe. The exit code still tells the verdict.

@@ -1,18 +1,15 @@
 //! One page about a robot: what a person checks before the first motion.
 
+use super::following::Following;
 use config::Loaded;
 use messages::JOINTS_MAX;
-use retarget::{ArmModel, ArmQ, Limbs, oracle, solve_poses};
 use robot::{Frames, Model};
 use rt::{Exit, Failure};
 use std::fmt::Write;
 
-/// Every so many frames of the standard motion are judged: it lasts a minute at 60 Hz.
-const EVERY: usize = 12;
-
 /// Judges the robot of the settings: joints, limbs, stop times, torque and clearance at home, and how near its limbs come
 /// to a person's in the built-in motion.
-pub fn page(loaded: &Loaded) -> Result<String, Failure> {
+pub(super) fn page(loaded: &Loaded, following: &Following) -> Result<String, Failure> {
     let control = world::control_config(loaded, true).map_err(Failure::with(Exit::Config))?;
     world::driver_config(loaded, true).map_err(Failure::with(Exit::Config))?;
     world::robot_config(loaded).map_err(Failure::with(Exit::Config))?;
@@ -66,7 +63,12 @@ pub fn page(loaded: &Loaded) -> Result<String, Failure> {
         model.pairs.len(),
         model.allowed.len(),
     );
-    reach(&mut out, loaded);
+    let solved = match following.solved_deg {
+        Some(solved_deg) => format!("{solved_deg:.2} deg with the weights and two refinement steps"),
+        None => "no weights yet: `train` makes them".to_owned(),
+    };
+    let best_deg = following.best_deg;
+    let _ = writeln!(out, "built-in motion: limbs at best {best_deg:.2} deg from the person's, {solved}");
     Ok(out)
 }
 
@@ -87,30 +89,4 @@ fn limbs(out: &mut String, model: &Model) {
         off(3, 2),
         signs.join(" "),
     );
-}
-
-/// Mean limb errors over the built-in motion: of the best reachable posture, and of the network with two refinement steps.
-fn reach(out: &mut String, loaded: &Loaded) {
-    let arm = ArmModel::from_model(&loaded.model);
-    let motion = motion::builtin();
-    let calibration = motion::calibrate(&motion, motion::CalibrationMode::Rig);
-    let (mut best_deg, mut solved_deg, mut count) = (0.0, 0.0, 0.0);
-    let mut previous: ArmQ = arm.clamp(&arm.reference);
-    for limbs in motion::limbs(&motion, &calibration).iter().step_by(EVERY).filter_map(Limbs::from_message) {
-        for human in &limbs {
-            let best = oracle(&arm, human, &previous);
-            let error = |q: &ArmQ| arm.limb_error_deg(q, human).iter().sum::<f64>() / 2.0;
-            best_deg += error(&best.q);
-            if let Some(weights) = &loaded.weights {
-                solved_deg += error(&solve_poses(&arm, &weights.network, &[*human], 2)[0].q);
-            }
-            count += 1.0;
-            previous = best.q;
-        }
-    }
-    let solved = match &loaded.weights {
-        Some(_) => format!("{:.2} deg with the weights and two refinement steps", solved_deg / count),
-        None => "no weights yet: `train` makes them".to_owned(),
-    };
-    let _ = writeln!(out, "built-in motion: limbs at best {:.2} deg from the person's, {solved}", best_deg / count);
 }
