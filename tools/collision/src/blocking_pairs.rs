@@ -1,7 +1,6 @@
 //! Pairs of capsules that would keep a robot from moving: too close at home, or in most postures.
 
 use crate::error::CollisionError;
-use crate::fit::Shape;
 use crate::judge::{Judge, Proof};
 use crate::plan::Plan;
 use crate::prove::{clearance, deciding_joints};
@@ -9,6 +8,8 @@ use crate::write::{Named, on_bodies};
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
 use robot::{Capsule, Frames, Model};
+use std::collections::HashMap;
+use std::sync::Arc;
 
 /// Number of postures of the two joints between neighbours' neighbours that are tried (chosen).
 const POSTURES: usize = 400;
@@ -31,8 +32,10 @@ pub struct Near {
     /// Least distance of the surfaces in sampled postures, m. It is absent with a proof, and with more joints between.
     least_m: Option<f64>,
     proof: Option<Proof>,
-    /// Joints between them, if all keep a posture. Otherwise empty.
-    keeping: Vec<String>,
+    /// Joints between them, if they are few.
+    joints: Vec<String>,
+    /// True if these only keep a posture.
+    keep: bool,
 }
 
 impl Near {
@@ -69,9 +72,9 @@ impl Near {
                     text += &format!(", and {:.1} mm in the worst sampled posture", least * mm);
                 }
                 text += ". It stays a checked pair";
-                if !self.keeping.is_empty() {
-                    let names = self.keeping.join(", ");
-                    text += &format!(". Narrow the ranges of {names} under [tighten], or list them under [held_rad]");
+                if !self.joints.is_empty() {
+                    text += &format!(". Narrow the ranges of {} under [tighten]", self.joints.join(", "));
+                    text += if self.keep { ", or list them under [held_rad]" } else { " until they cannot touch" };
                 }
                 text
             }
@@ -79,14 +82,14 @@ impl Near {
     }
 }
 
-/// Links and shapes of both capsules. If they are the same, so are the contents.
-type Key = [(String, Shape); 2];
-
 /// Finds pairs without a reason that are too close at home, or in most postures. It remembers what it found, because
 /// proofs are slow.
 #[derive(Default)]
 pub struct Finder {
-    known: Vec<(Key, Option<Near>)>,
+    /// The capsules of the last call. They keep the addresses of their contents.
+    capsules: Vec<Named>,
+    /// What was found about each pair, by the addresses of both contents.
+    known: HashMap<[usize; 2], Option<Near>>,
 }
 
 impl Finder {
@@ -99,14 +102,16 @@ impl Finder {
         let pairs: Vec<[usize; 2]> = (0..bodies.len()).flat_map(|b| (0..b).map(move |a| [a, b])).collect();
         let known = &self.known;
         let look = |&pair: &[usize; 2]| {
-            let key = pair.map(|index| (capsules[index].link.clone(), capsules[index].shape));
-            let found = known.iter().find(|(other, _)| *other == key).map(|(_, near)| near.clone());
+            let key = pair.map(|index| Arc::as_ptr(&capsules[index].content) as usize);
             let names = pair.map(|index| capsules[index].name.clone());
             let same = |near: Near| Near { pair, names: names.clone(), ..near };
-            (key, found.map_or_else(|| near(&judge, &bodies, &frames, pair), |near| near.map(same)))
+            (key, known.get(&key).cloned().unwrap_or_else(|| near(&judge, &bodies, &frames, pair)).map(same))
         };
-        self.known = pairs.par_iter().map(look).collect();
-        Ok(self.known.iter().filter_map(|(_, near)| near.clone()).collect())
+        let found: Vec<_> = pairs.par_iter().map(look).collect();
+        let all = found.iter().filter_map(|(_, near)| near.clone()).collect();
+        self.known = found.into_iter().collect();
+        self.capsules = capsules.to_vec();
+        Ok(all)
     }
 }
 
@@ -124,19 +129,21 @@ fn near(judge: &Judge<'_>, bodies: &[Capsule], frames: &Frames, pair: [usize; 2]
     if home_m >= model.d_min_m && share.is_none_or(|share| share <= SHARE) || judge.decide(first, second).is_some() {
         return None;
     }
-    let proof = judge.prove_close(first, second);
-    let surfaces_m = judge.distance_m(first, second, frames, f64::INFINITY);
+    // For parts that keep a posture, this is what has just failed.
+    let keep = judge.keep_posture(first, second);
+    let proof = if keep { None } else { judge.prove_close(first, second) };
+    let surfaces_m = judge.distance_m(first, second, frames, [f64::NEG_INFINITY, f64::INFINITY]);
     let unknown = proof.is_none() && joints.len() == 2;
     let least_m = unknown.then(|| {
         let nearer = |least_m: f64, frames| {
-            judge.distance_m(first, second, &frames, least_m).map_or(least_m, |m| m.min(least_m))
+            judge.distance_m(first, second, &frames, [f64::NEG_INFINITY, least_m]).map_or(least_m, |m| m.min(least_m))
         };
         postures(model, &joints).fold(f64::INFINITY, nearer)
     });
     let names = [a.name.clone(), b.name.clone()];
-    let keeping = if judge.keep_posture(first, second) { joints } else { Vec::new() };
-    let keeping = keeping.into_iter().map(|j| model.joint_names[j].clone()).collect();
-    Some(Near { pair, names, home_m, surfaces_m, needed_m: model.d_min_m, share, least_m, proof, keeping })
+    let few = joints.into_iter().filter(|_| keep || share.is_some());
+    let joints = few.map(|j| model.joint_names[j].clone()).collect();
+    Some(Near { pair, names, home_m, surfaces_m, needed_m: model.d_min_m, share, least_m, proof, joints, keep })
 }
 
 /// Returns the share of the joints' postures in which two capsules are closer than the clearance.

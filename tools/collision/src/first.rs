@@ -20,6 +20,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use robot::{CAPSULES_MAX, Frames, Model};
 use rt::err;
+use std::collections::HashMap;
 use std::path::Path;
 use urdf_rs::JointType;
 
@@ -51,6 +52,10 @@ pub struct First {
 struct Draft {
     group: Group,
     splitter: Splitter,
+    /// The capsules of its cells when they were last made.
+    named: Vec<Named>,
+    /// True if a cell was cut since.
+    is_cut: bool,
 }
 
 struct Shaped {
@@ -74,7 +79,9 @@ pub fn first_plan(
     for palm in &palms {
         groups.push(Group { parts: vec![Part { below: true, ..Part::whole(palm) }], ..tree.group(palm)? });
     }
-    let draft = |group: Group| Ok(Draft { splitter: Splitter::new(scene.matter(&group)?, &[], 0.0), group });
+    let draft = |group: Group| {
+        Ok(Draft { splitter: Splitter::new(scene.matter(&group)?, &[], 0.0), group, named: Vec::new(), is_cut: true })
+    };
     let mut drafts: Vec<Draft> = groups.into_par_iter().map(draft).collect::<Result<_, CollisionError>>()?;
     drafts.par_iter_mut().for_each(|draft| cut_fat(&mut draft.splitter));
     let mut plan = Plan::of_groups(Vec::new());
@@ -85,6 +92,18 @@ pub fn first_plan(
 }
 
 impl Draft {
+    /// Makes the capsules of its cells if one was cut. Those of the same shape keep their contents, and what is known of them.
+    fn name_again(&mut self, plan: &Plan, scene: &Scene<'_>) -> Result<(), CollisionError> {
+        if std::mem::take(&mut self.is_cut) {
+            let before = std::mem::replace(&mut self.named, named(plan, &self.group, self.splitter.cells(), scene)?);
+            for capsule in &mut self.named {
+                let same = before.iter().find(|known| known.shape == capsule.shape);
+                same.into_iter().for_each(|known| capsule.content = known.content.clone());
+            }
+        }
+        Ok(())
+    }
+
     fn planned(self) -> Group {
         Group { capsules: self.splitter.cells().len(), cuts: self.splitter.cuts().to_vec(), ..self.group }
     }
@@ -207,21 +226,29 @@ fn merged(links: Vec<Shaped>, tree: &Tree<'_>) -> Result<Vec<Group>, CollisionEr
     };
     let mut groups: Vec<(Group, Shaped, f64)> =
         links.into_par_iter().map(group).collect::<Result<_, CollisionError>>()?;
+    // A group that takes in another one becomes a new one. What encloses two old ones stays known.
+    let mut ids: Vec<usize> = (0..groups.len()).collect();
+    let mut known: HashMap<[usize; 2], f64> = HashMap::new();
     loop {
         let pairs: Vec<(usize, usize)> = (0..groups.len())
             .flat_map(|b| (0..b).map(move |a| (a, b)))
             .filter(|(a, b)| groups[*a].1.body == groups[*b].1.body)
             .collect();
-        let ratio = |(a, b): &(usize, usize)| {
-            let (a, b) = (&groups[*a], &groups[*b]);
-            let both: Vec<_> = a.1.points.iter().chain(&b.1.points).copied().collect();
-            let volume = volume(&both);
-            (volume / (a.2 + b.2), volume)
+        let common = |(a, b): &(usize, usize)| {
+            let key = [ids[*a], ids[*b]];
+            let both = || groups[*a].1.points.iter().chain(&groups[*b].1.points).copied().collect::<Vec<_>>();
+            (key, known.get(&key).copied().unwrap_or_else(|| volume(&both())))
         };
-        let ratios: Vec<(f64, f64)> = pairs.par_iter().map(ratio).collect();
-        let best = pairs.iter().zip(&ratios).min_by(|x, y| x.1.0.total_cmp(&y.1.0));
-        let Some((&(a, b), &(_, volume))) = best.filter(|(_, (ratio, _))| *ratio <= MERGED_RATIO) else { break };
+        known = pairs.par_iter().map(common).collect();
+        let ratio = |(a, b): &(usize, usize)| {
+            let volume = known[&[ids[*a], ids[*b]]];
+            (volume / (groups[*a].2 + groups[*b].2), volume)
+        };
+        let best = pairs.iter().map(|pair| (pair, ratio(pair))).min_by(|x, y| x.1.0.total_cmp(&y.1.0));
+        let Some((&(a, b), (_, volume))) = best.filter(|(_, (ratio, _))| *ratio <= MERGED_RATIO) else { break };
         let (group, shaped, _) = groups.remove(b);
+        ids[a] = ids.iter().max().map_or(0, |last| last + 1);
+        ids.remove(b);
         let kept = &mut groups[a];
         let frame = tree.common(&kept.0.frame, &group.frame)?;
         kept.0.frame = frame;
@@ -265,8 +292,9 @@ fn cut_near(
         round += 1;
         let mut capsules: Vec<Named> = Vec::new();
         let mut cells: Vec<(usize, usize)> = Vec::new();
-        for (index, draft) in drafts.iter().enumerate() {
-            capsules.extend(named(plan, &draft.group, draft.splitter.cells(), scene)?);
+        for (index, draft) in drafts.iter_mut().enumerate() {
+            draft.name_again(plan, scene)?;
+            capsules.extend(draft.named.iter().cloned());
             cells.extend((0..draft.splitter.cells().len()).map(|cell| (index, cell)));
         }
         let near = finder.find(model, plan, &capsules)?;
@@ -299,6 +327,7 @@ fn cut_near(
         if !cut {
             return Ok((capsules, near.iter().map(Near::sentence).collect()));
         }
+        touched.into_iter().for_each(|draft| drafts[draft].is_cut = true);
     }
 }
 

@@ -64,9 +64,11 @@ impl Fragments {
         Some(node)
     }
 
-    /// Returns the distance of two sets of fragments, m. If it is above `enough_m`, the result is a lower bound above that.
-    pub fn distance_m(&self, pose: &Pose, other: &Self, other_pose: &Pose, enough_m: f64) -> f64 {
-        let pair = Pair { a: self, b: other, a_from_b: pose.inverse().compose(other_pose) };
+    /// Returns the distance of two sets of fragments, m. The bounds are those of [`Distance`](crate::prove::Distance).
+    pub fn distance_m(&self, pose: &Pose, other: &Self, other_pose: &Pose, [least_m, enough_m]: [f64; 2]) -> f64 {
+        let a_from_b = pose.inverse().compose(other_pose);
+        let between_m = if least_m.is_finite() { enough_m } else { f64::NEG_INFINITY };
+        let pair = Pair { a: self, b: other, a_from_b, least_m: least_m.max(0.0), between_m };
         pair.least(0, 0, enough_m + ENOUGH_M)
     }
 }
@@ -76,6 +78,10 @@ struct Pair<'a> {
     a: &'a Fragments,
     b: &'a Fragments,
     a_from_b: Pose,
+    /// Up to this, the distance need not be known, m.
+    least_m: f64,
+    /// Up to this, only distances up to the least count, m.
+    between_m: f64,
 }
 
 impl Pair<'_> {
@@ -101,7 +107,8 @@ impl Pair<'_> {
             bounds.swap(0, 1);
         }
         let nearer = |best: f64, (bound, a, b): &(f64, usize, usize)| {
-            if *bound < best && best > 0.0 { self.least(*a, *b, best) } else { best }
+            let counts = if best > self.between_m { *bound < best } else { *bound <= self.least_m };
+            if counts && best > self.least_m { self.least(*a, *b, best) } else { best }
         };
         bounds.iter().fold(best, nearer)
     }

@@ -1,23 +1,19 @@
 //! Decides which pairs need no check, by proof.
 
+use crate::content::Solid;
 use crate::fit::Shape;
 use crate::fragments::Fragments;
 use crate::plan::Plan;
 use crate::prove::{CELLS_MAX, Distance, Part, Verdict, deciding_joints, prove, prove_overlap, prove_parts};
 use crate::write::Named;
-use nalgebra::Vector3;
-use robot::{AllowedReason, Capsule, Frames, Hull, Model};
-use std::collections::BTreeMap;
+use robot::{AllowedReason, Capsule, Frames, Model};
 use std::fmt;
-use std::sync::OnceLock;
 
-/// Decides about pairs, and caches convex hulls and fragments.
+/// Decides about pairs.
 pub struct Judge<'a> {
     model: &'a Model,
     plan: &'a Plan,
     capsules: &'a [Named],
-    hulls: Vec<OnceLock<Option<Hull>>>,
-    fragments: Vec<OnceLock<Option<Fragments>>>,
 }
 
 /// Largest number of deciding joints for which a proof by hulls is tried: parts of one shoulder or wrist, or a
@@ -25,9 +21,6 @@ pub struct Judge<'a> {
 const HULL_JOINTS_MAX: usize = 3;
 /// Largest number of cells that a proof by fragments may visit. Their distances are slow.
 const FRAGMENT_CELLS_MAX: usize = 20_000;
-
-/// Edge of the cubes in which one corner of a hull stands for all, m (chosen).
-const CUBE_M: f64 = 0.004;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum By {
@@ -56,8 +49,7 @@ impl fmt::Display for Proof {
 
 impl<'a> Judge<'a> {
     pub fn new(model: &'a Model, plan: &'a Plan, capsules: &'a [Named]) -> Self {
-        let hulls = capsules.iter().map(|_| OnceLock::new()).collect();
-        Self { model, plan, capsules, hulls, fragments: capsules.iter().map(|_| OnceLock::new()).collect() }
+        Self { model, plan, capsules }
     }
 
     pub fn model(&self) -> &'a Model {
@@ -75,31 +67,21 @@ impl<'a> Judge<'a> {
         self.model.link_body(&self.capsules[index].link).map(|(body, _)| body)
     }
 
-    fn hull(&self, index: usize) -> Option<&Hull> {
-        let make = || {
-            let named = &self.capsules[index];
-            let (_, pose) = self.model.link_body(&named.link)?;
-            let points: Vec<_> = named.matter.points().iter().map(|point| pose.transform_point(point)).collect();
-            Hull::new(&points)
-        };
-        self.hulls[index].get_or_init(make).as_ref()
+    fn solid(&self, index: usize) -> Option<&Solid> {
+        let named = &self.capsules[index];
+        named.content.solid(&self.model.link_body(&named.link)?.1)
     }
 
     fn fragments(&self, index: usize) -> Option<&Fragments> {
-        let make = || {
-            let named = &self.capsules[index];
-            let (_, pose) = self.model.link_body(&named.link)?;
-            Fragments::new(&named.matter.map(|point| pose.transform_point(point)))
-        };
-        self.fragments[index].get_or_init(make).as_ref()
+        let named = &self.capsules[index];
+        named.content.fragments(&self.model.link_body(&named.link)?.1)
     }
 
-    /// Returns the distance of two capsules' contents, by fragments, m. If it is above `enough_m`, the result is a lower
-    /// bound above that.
-    pub fn distance_m(&self, first: usize, second: usize, frames: &Frames, enough_m: f64) -> Option<f64> {
+    /// Returns the distance of two capsules' contents, by fragments, m. The bounds are those of [`Distance`].
+    pub fn distance_m(&self, first: usize, second: usize, frames: &Frames, bounds_m: [f64; 2]) -> Option<f64> {
         let pose = |index: usize| Some(&frames.base_from_body[self.body(index)?]);
         let (a, b) = (self.fragments(first)?, self.fragments(second)?);
-        Some(a.distance_m(pose(first)?, b, pose(second)?, enough_m))
+        Some(a.distance_m(pose(first)?, b, pose(second)?, bounds_m))
     }
 
     /// Proves that two capsules' contents stay apart, by the capsules or by the convex hulls of their contents. For
@@ -124,17 +106,9 @@ impl<'a> Judge<'a> {
 
     fn prove_hulls(&self, first: usize, second: usize, bound_m: f64) -> Option<Proof> {
         let (body_a, body_b) = self.bodies(first, second, HULL_JOINTS_MAX)?;
-        let (a, b) = (self.hull(first)?, self.hull(second)?);
-        let (ball_a, ball_b) = (ball(&a.corners()), ball(&b.corners()));
-        let (rough_a, rough_b) = (rough(a), rough(b));
-        let distance = |frames: &Frames, enough_m: f64| {
-            let (pose_a, pose_b) = (&frames.base_from_body[body_a], &frames.base_from_body[body_b]);
-            let centers = pose_a.transform_point(&ball_a.0) - pose_b.transform_point(&ball_b.0);
-            let mut apart_m = centers.norm() - ball_a.1 - ball_b.1;
-            if let (false, Some((rough_a, off_a)), Some((rough_b, off_b))) = (apart_m > enough_m, &rough_a, &rough_b) {
-                apart_m = rough_a.distance_m(pose_a, rough_b, pose_b) - off_a - off_b;
-            }
-            if apart_m > enough_m { apart_m } else { a.distance_m(pose_a, b, pose_b) }
+        let (a, b) = (self.solid(first)?, self.solid(second)?);
+        let distance = |frames: &Frames, bounds_m| {
+            a.distance_m(&frames.base_from_body[body_a], b, &frames.base_from_body[body_b], bounds_m)
         };
         let at_least_m = self.prove_by(first, second, bound_m, CELLS_MAX, &distance)?;
         Some(Proof { at_least_m, by: By::Hulls })
@@ -142,7 +116,7 @@ impl<'a> Judge<'a> {
 
     fn prove_fragments(&self, first: usize, second: usize, bound_m: f64) -> Option<Proof> {
         self.bodies(first, second, HULL_JOINTS_MAX)?;
-        let distance = |frames: &Frames, enough_m| self.distance_m(first, second, frames, enough_m).unwrap_or(0.0);
+        let distance = |frames: &Frames, bounds_m| self.distance_m(first, second, frames, bounds_m).unwrap_or(0.0);
         let at_least_m = self.prove_by(first, second, bound_m, FRAGMENT_CELLS_MAX, &distance)?;
         Some(Proof { at_least_m, by: By::Fragments })
     }
@@ -162,9 +136,8 @@ impl<'a> Judge<'a> {
         cells_max: usize,
         distance: &Distance<'_>,
     ) -> Option<f64> {
-        let (corners_a, corners_b) = (self.hull(first)?.corners(), self.hull(second)?.corners());
-        let part_a = Part { body: self.body(first)?, points: &corners_a };
-        let part_b = Part { body: self.body(second)?, points: &corners_b };
+        let part_a = Part { body: self.body(first)?, points: &self.solid(first)?.cloud };
+        let part_b = Part { body: self.body(second)?, points: &self.solid(second)?.cloud };
         match prove_parts(self.model, [&part_a, &part_b], bound_m, cells_max, distance) {
             Verdict::Clear { at_least_m } => Some(at_least_m),
             Verdict::Meets { .. } | Verdict::Open => None,
@@ -176,11 +149,10 @@ impl<'a> Judge<'a> {
     pub fn prove_overlap(&self, first: usize, second: usize) -> bool {
         let proved = || {
             self.bodies(first, second, HULL_JOINTS_MAX)?;
-            let (corners_a, corners_b) = (self.hull(first)?.corners(), self.hull(second)?.corners());
-            let part_a = Part { body: self.body(first)?, points: &corners_a };
-            let part_b = Part { body: self.body(second)?, points: &corners_b };
+            let part_a = Part { body: self.body(first)?, points: &self.solid(first)?.cloud };
+            let part_b = Part { body: self.body(second)?, points: &self.solid(second)?.cloud };
             let distance =
-                |frames: &Frames, enough_m| self.distance_m(first, second, frames, enough_m).unwrap_or(f64::INFINITY);
+                |frames: &Frames, bounds_m| self.distance_m(first, second, frames, bounds_m).unwrap_or(f64::INFINITY);
             Some(prove_overlap(self.model, [&part_a, &part_b], self.model.d_min_m, FRAGMENT_CELLS_MAX, &distance))
         };
         proved().unwrap_or(false)
@@ -208,24 +180,4 @@ impl<'a> Judge<'a> {
         }
         self.prove_overlap(first, second).then_some(AllowedReason::OverlapAsPublished)
     }
-}
-
-/// Returns a ball around points: its centre and its radius, m.
-fn ball(points: &[Vector3<f64>]) -> (Vector3<f64>, f64) {
-    let center = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
-    (center, points.iter().map(|point| (point - center).norm()).fold(0.0, f64::max))
-}
-
-/// Returns the hull of fewer corners, one for each small cube, and the largest distance of a corner from the one that
-/// stands for it, m. The whole hull lies within that distance of it. `None` if that would spare little.
-fn rough(hull: &Hull) -> Option<(Hull, f64)> {
-    let corners = hull.corners();
-    let mut chosen: BTreeMap<[i64; 3], Vector3<f64>> = BTreeMap::new();
-    let mut off_m = 0.0_f64;
-    for corner in &corners {
-        let cube = [0, 1, 2].map(|axis| (corner[axis] / CUBE_M).floor() as i64);
-        off_m = off_m.max((*chosen.entry(cube).or_insert(*corner) - corner).norm());
-    }
-    let few: Vec<Vector3<f64>> = chosen.into_values().collect();
-    if 2 * few.len() > corners.len() { None } else { Some((Hull::new(&few)?, off_m)) }
 }

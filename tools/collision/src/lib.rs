@@ -7,6 +7,7 @@
 
 pub mod blocking_pairs;
 pub mod check;
+pub mod content;
 pub mod cover;
 pub mod dynamics;
 pub mod error;

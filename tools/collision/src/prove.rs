@@ -1,5 +1,6 @@
 //! Proves that two capsules cannot meet anywhere in the box of the position limits, or finds where they do.
 
+use crate::content::Cloud;
 use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
@@ -22,6 +23,8 @@ pub enum Verdict {
 /// Random configurations per deciding joint before a proof is tried. They are cheap where many joints make
 /// proofs expensive.
 const SAMPLES_PER_JOINT: usize = 20;
+/// Least number of them (chosen). A pair that touches seldom would else cost a whole failed proof.
+const SAMPLES_MIN: usize = 400;
 /// Number of the nearest random configurations from which a search goes on to nearer ones (chosen).
 const STARTS: usize = 4;
 /// First step of that search, as a share of a joint's range. It is halved down to the last (chosen).
@@ -58,15 +61,17 @@ pub fn clearance(frames: &Frames, a: &Capsule, b: &Capsule) -> f64 {
 pub struct Part<'a> {
     pub body: usize,
     /// Points in the body's frame, m.
-    pub points: &'a [Vector3<f64>],
+    pub points: &'a Cloud,
 }
 
-/// Distance of two parts in a configuration, m. If it is above the second argument, any lower bound above that will do.
-pub type Distance<'a> = dyn Fn(&Frames, f64) -> f64 + 'a;
+/// Distance of two parts in a configuration, m, and two bounds. If it is above the second one, any lower bound above that will do.
+/// If it is not above the first one, any upper bound not above that will do. Between them, any value between them will do. If the
+/// first one is minus infinity, a distance up to the second one is exact.
+pub type Distance<'a> = dyn Fn(&Frames, [f64; 2]) -> f64 + 'a;
 
 /// Decides whether two capsules are always farther apart than `clear_m`.
 pub fn prove(model: &Model, a: &Capsule, b: &Capsule, clear_m: f64) -> Verdict {
-    let (of_a, of_b) = ([a.a, a.b], [b.a, b.b]);
+    let (of_a, of_b) = (Cloud::new(vec![a.a, a.b]), Cloud::new(vec![b.a, b.b]));
     let (a_part, b_part) = (Part { body: a.body, points: &of_a }, Part { body: b.body, points: &of_b });
     prove_parts(model, [&a_part, &b_part], clear_m, CELLS_MAX, &|frames, _| clearance(frames, a, b))
 }
@@ -117,7 +122,7 @@ impl<'a> Between<'a> {
 
     fn distance_m(&mut self, q: &Positions, enough_m: f64) -> f64 {
         self.place(q);
-        (self.distance)(&self.frames, enough_m)
+        (self.distance)(&self.frames, [f64::NEG_INFINITY, enough_m])
     }
 
     /// Looks for a configuration in which the parts are not farther apart than `clear_m`: random ones, then nearer ones
@@ -125,7 +130,7 @@ impl<'a> Between<'a> {
     fn meeting_m(&mut self, clear_m: f64) -> Option<f64> {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
         let mut nearest = vec![(f64::INFINITY, [0.0; JOINTS_MAX]); STARTS];
-        for _ in 0..SAMPLES_PER_JOINT * self.joints.len() * self.joints.len() {
+        for _ in 0..SAMPLES_MIN.max(SAMPLES_PER_JOINT * self.joints.len() * self.joints.len()) {
             let mut q = [0.0; JOINTS_MAX];
             for (i, q) in q.iter_mut().enumerate().take(self.joints.len()) {
                 let (low, high) = self.limits(i);
@@ -213,8 +218,7 @@ impl<'a> Between<'a> {
                 // The distance from the axis is the same in the part's own frame.
                 let axis = pose.r.tr_mul(&(body.r * self.axes[i]));
                 let origin = pose.r.tr_mul(&(body.t - pose.t));
-                let squared = |point: &Vector3<f64>| axis.cross(&(point - origin)).norm_squared();
-                let far = part.points.iter().map(squared).fold(0.0, f64::max).sqrt();
+                let far = part.points.farthest_m(&axis, &origin);
                 let slides = self.model.prismatic[j];
                 alone[i] = if slides { half } else { half * far };
                 moved += if slides { half } else { half * (far + moved) };
@@ -242,7 +246,7 @@ pub fn prove_parts(
     }
     let (mut at_least_m, mut meeting) = (f64::INFINITY, None);
     let done = between.visit(cells_max, &mut |frames, drift_m| {
-        let middle_m = distance(frames, clear_m + drift_m);
+        let middle_m = distance(frames, [clear_m, clear_m + drift_m]);
         if middle_m <= clear_m {
             meeting = Some(middle_m);
             return Step::Stop;
@@ -270,7 +274,7 @@ pub fn prove_overlap(
     distance: &Distance<'_>,
 ) -> bool {
     Between::new(model, parts, distance).visit(cells_max, &mut |frames, drift_m| {
-        if distance(frames, 0.0) > 0.0 {
+        if distance(frames, [0.0, 0.0]) > 0.0 {
             return Step::Stop;
         }
         if drift_m <= reach_m { Step::Done } else { Step::Halve }

@@ -1,16 +1,18 @@
 //! Fits all groups of a plan, decides about all pairs, and writes the generated part of a robot file.
 
+use crate::content::Content;
 use crate::error::CollisionError;
 use crate::fit::Shape;
 use crate::judge::Judge;
 use crate::plan::{Group, Plan, SIDE};
 use crate::prove::clearance;
 use crate::scene::Scene;
-use crate::split::{Cell, Matter, split};
+use crate::split::{Cell, split};
 use rayon::prelude::*;
 use robot::{AllowedReason, Capsule, Frames, Model};
 use rt::err;
 use std::fmt::Write;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Everything from this line on is written by this tool.
@@ -28,8 +30,7 @@ pub struct Named {
     pub volume_ratio: f64,
     /// Volume of the capsule without margin, m^3.
     pub volume_m3: f64,
-    /// Contents, in the frame of the link.
-    pub matter: Matter,
+    pub content: Arc<Content>,
 }
 
 pub fn fit_all(plan: &Plan, scene: &Scene<'_>) -> Result<Vec<Named>, CollisionError> {
@@ -57,9 +58,9 @@ pub fn named(plan: &Plan, group: &Group, cells: &[Cell], scene: &Scene<'_>) -> R
             let radius_m = ((cell.shape.radius_m + plan.margin_mm * 1e-3 + unit) / unit).ceil() * unit;
             let shape = Shape { a, b, radius_m };
             let volume_ratio = cell.volume_ratio();
-            let matter = cell.matter.map(|point| place(*point));
+            let content = Arc::new(Content::new(cell.matter.map(|point| place(*point))));
             let (link, volume_m3) = (group.frame.replace(SIDE, side), cell.shape.volume_m3());
-            capsules.push(Named { name, link, shape, volume_ratio, volume_m3, matter });
+            capsules.push(Named { name, link, shape, volume_ratio, volume_m3, content });
         }
     }
     Ok(capsules)

@@ -1,15 +1,16 @@
 //! Fitted capsules contain their points, the check detects when they do not, and proofs are right.
 
 use collision::check::sticks_out_m;
+use collision::content::Content;
 use collision::fit::{Shape, smallest_capsule};
 use collision::plan::{Cut, Plan};
 use collision::prove::{Verdict, clearance, prove};
 use collision::scene::Scene;
-use collision::split::split;
+use collision::split::{Matter, split};
 use collision::write::fit_all;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
-use robot::{Capsule, Frames, Model};
+use robot::{Capsule, Frames, Model, Pose};
 
 const TOML: &str = include_str!("../../../config/robots/tiago_dual.toml");
 const URDF: &str = include_str!("../../../config/robots/tiago_dual.urdf");
@@ -84,10 +85,11 @@ fn fitted_capsules_contain_primitives_and_thinner_ones_do_not() {
         let own: Vec<_> = capsules.iter().filter(|capsule| capsule.link == link).collect();
         let shapes: Vec<Shape> = own.iter().map(|capsule| capsule.shape).collect();
         for capsule in &own {
-            assert!(sticks_out_m(&capsule.matter, &shapes) <= 0.0, "{}", capsule.name);
+            assert!(sticks_out_m(&capsule.content.matter, &shapes) <= 0.0, "{}", capsule.name);
         }
         let thin: Vec<Shape> = shapes.iter().map(|s| Shape { radius_m: s.radius_m - 2.5e-3, ..*s }).collect();
-        let out = own.iter().map(|capsule| sticks_out_m(&capsule.matter, &thin)).fold(f64::NEG_INFINITY, f64::max);
+        let out =
+            own.iter().map(|capsule| sticks_out_m(&capsule.content.matter, &thin)).fold(f64::NEG_INFINITY, f64::max);
         assert!(out > 1e-4, "{link}: {out}");
     }
 }
@@ -150,4 +152,38 @@ fn proofs_are_never_contradicted_by_samples() {
         }
     }
     assert!(clear > 5 && meets > 5, "{clear} {meets}");
+}
+
+/// Rough hulls inside the whole ones decide faster, and in the same way.
+#[test]
+fn distance_by_rough_hulls_keeps_both_bounds() {
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(4);
+    let mut sphere = |count: usize| -> Vec<Vector3<f64>> {
+        (0..count).map(|_| Vector3::from_fn(|_, _| rng.random_range(-1.0..1.0)).normalize() * 0.1).collect()
+    };
+    let points = [sphere(3000), sphere(700)];
+    let wholes = points.each_ref().map(|points| robot::Hull::new(points).unwrap());
+    let contents = points.map(|points| Content::new(Matter { surface: Vec::new(), pieces: vec![points] }));
+    let here = Pose::identity();
+    let [a, b] = contents.each_ref().map(|content| content.solid(&here).unwrap());
+    for step in 0..60 {
+        let there = Pose { t: Vector3::new(0.005 * f64::from(step), 0.03, -0.02), ..here };
+        let exact_m = wholes[0].distance_m(&here, &wholes[1], &there);
+        for [least_m, enough_m] in [[0.0005, 0.02], [0.01, 0.04], [f64::NEG_INFINITY, 0.03]] {
+            let value_m = a.distance_m(&here, b, &there, [least_m, enough_m]);
+            if exact_m > enough_m {
+                assert!(value_m > enough_m && value_m < exact_m + 1e-6, "{value_m} for {exact_m} m");
+            } else if least_m.is_infinite() {
+                assert!((value_m - exact_m).abs() < 1e-6, "{value_m} for {exact_m} m");
+            } else if exact_m > least_m {
+                assert!(value_m > least_m && value_m <= enough_m, "{value_m} for {exact_m} m");
+            } else {
+                assert!(value_m <= least_m, "{value_m} for {exact_m} m");
+            }
+        }
+        let axis = there.t.normalize();
+        let far_m = a.cloud.farthest_m(&axis, &there.t);
+        let brute_m = wholes[0].corners().iter().map(|p| axis.cross(&(p - there.t)).norm()).fold(0.0, f64::max);
+        assert!((far_m - brute_m).abs() < 1e-12, "{far_m} for {brute_m} m");
+    }
 }

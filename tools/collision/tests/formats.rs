@@ -42,9 +42,9 @@ fn assert_contained(folder: &TempDir, geometry: &str, least_m3: f64) {
     let capsules = fit_all(&plan, &scene).unwrap();
     assert_eq!(capsules.len(), 1);
     let capsule = &capsules[0];
-    assert!(sticks_out_m(&capsule.matter, &[capsule.shape]) <= 0.0, "{geometry}");
+    assert!(sticks_out_m(&capsule.content.matter, &[capsule.shape]) <= 0.0, "{geometry}");
     let thin = Shape { radius_m: capsule.shape.radius_m - 4e-3, ..capsule.shape };
-    assert!(sticks_out_m(&capsule.matter, &[thin]) > 1e-4, "{geometry}");
+    assert!(sticks_out_m(&capsule.content.matter, &[thin]) > 1e-4, "{geometry}");
     // The ratio compares the bare capsule with the convex hull. The hull is no smaller than the shape inside it.
     let hull_m3 = capsule.volume_m3 / capsule.volume_ratio;
     assert!(capsule.volume_ratio >= 1.0 && hull_m3 >= least_m3 * (1.0 - 1e-6), "{geometry}: {hull_m3} {least_m3}");
