@@ -311,6 +311,11 @@ fn check(source: &Source, sign: bool) -> Result<bool, CollisionError> {
     }
     summary(&model);
     if sign && good {
+        // A person may have edited the file meanwhile.
+        if read_text(&source.robot)? != texts.toml.1 {
+            let cause = "was edited while it was proved, so nothing was signed: run this again";
+            return Err(CollisionError::content(texts.toml.0.as_str(), cause));
+        }
         write_text(&source.robot, &model.signed()?)?;
     }
     Ok(good)
