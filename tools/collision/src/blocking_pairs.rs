@@ -88,7 +88,7 @@ impl Near {
 pub struct Finder {
     /// The capsules of the last call. They keep the addresses of their contents.
     capsules: Vec<Named>,
-    /// What was found about each pair, by the addresses of both contents.
+    /// Findings about each pair, by the addresses of both contents.
     known: HashMap<[usize; 2], Option<Near>>,
 }
 
