@@ -51,7 +51,14 @@ impl Fragments {
         }
         self.0.push(Node { center, radius_m, inside: Inside::Nodes([node, node]) });
         let normal = Vector3::ith(side.imax(), 1.0);
-        let [mut below, mut above] = matter.cut(&normal, normal.dot(&center));
+        // Pieces are not cut, so a large one beside a surface would never get smaller: they are parted first.
+        let mixed = !matter.surface.is_empty() && !matter.pieces.is_empty();
+        let [mut below, mut above] = if mixed {
+            let surface = Matter { surface: matter.surface.clone(), pieces: Vec::new() };
+            [surface, Matter { surface: Vec::new(), pieces: matter.pieces.clone() }]
+        } else {
+            matter.cut(&normal, normal.dot(&center))
+        };
         if below.points().is_empty() || above.points().is_empty() {
             // Pieces whose middles are on one side. They are not cut, so they are parted by number.
             let mut all = if below.points().is_empty() { above } else { below };
