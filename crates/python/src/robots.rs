@@ -61,7 +61,7 @@ impl Robot {
     #[getter]
     fn arms(&self) -> [Vec<String>; 2] {
         let name = |joint: &usize| self.model().joint_names[*joint].clone();
-        self.model().arms.each_ref().map(|arm| arm.joints.iter().map(name).collect())
+        self.model().arms.each_ref().map(|arm| arm.range().map(|joint| name(&joint)).collect())
     }
 
     #[getter]

@@ -4,7 +4,7 @@ use super::Finding;
 use messages::JOINTS_MAX;
 use motion::{CalibrationMode, Motion, SMPL_ARMS};
 use nalgebra::{UnitQuaternion, Vector3};
-use retarget::{ArmModel, ArmQ, Limbs, Weights, limb_error_deg, oracle, solve_poses};
+use retarget::{ArmModel, ArmQ, Limbs, Weights, oracle, solve_poses};
 use robot::{Frames, Model};
 
 /// Every so many frames of the standard motion are judged: it lasts 22 s at 60 Hz.
@@ -71,7 +71,7 @@ impl Following {
             }
         }
         let t_pose = oracle(&arm, &Limbs::identity(), &arm.clamp(&arm.reference)).q;
-        let [upper, fore] = limb_error_deg(&arm.forward(&t_pose), &Limbs::identity());
+        let [upper, fore] = arm.limb_error_deg(&t_pose, &Limbs::identity());
         Self {
             best_deg: best_deg / count,
             solved_deg: weights.map(|_| solved_deg / count),
@@ -151,14 +151,14 @@ impl Hanging {
 }
 
 fn mean_error_deg(arm: &ArmModel, q: &ArmQ, human: &Limbs) -> f64 {
-    limb_error_deg(&arm.forward(q), human).iter().sum::<f64>() / 2.0
+    arm.limb_error_deg(q, human).iter().sum::<f64>() / 2.0
 }
 
 /// Returns the robot at home with these positions of the left arm, and of the left arm that mirrors the right one.
 fn posture(model: &Model, arms: &[ArmQ; 2]) -> [f64; JOINTS_MAX] {
     let mut q = model.home;
     for (arm, limbs) in model.arms.iter().zip(arms) {
-        arm.joints.iter().zip(arm.mirrored(limbs)).for_each(|(&joint, position)| q[joint] = position);
+        arm.set_limbs(&arm.mirrored(limbs), &mut q);
     }
     q
 }
