@@ -215,7 +215,7 @@ fn wheel_installs_and_its_programs_run() {
     };
     let share = venv.join("share/teleopd");
     for kind in ["robots", "skeletons"] {
-        let here = files(&format!("config/{kind}"));
+        let here = files(&root().join("config").join(kind));
         let installed = std::fs::read_dir(share.join(kind)).expect("a folder").count();
         assert!(installed > 0 && installed == here.len(), "{installed} {kind} of {here:?}");
     }
