@@ -1,7 +1,7 @@
 //! The command line.
 
 use clap::{Parser, ValueEnum};
-use report::{check_bounds, out_of_bounds};
+use report::check_bounds;
 use rt::Failure;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -39,9 +39,6 @@ pub struct Cli {
     /// Write the figures to this file as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Draw distributions and jitter over time to this file, a PNG of 1600 x 1200.
-    #[arg(long, value_name = "FILE.png")]
-    pub plot: Option<PathBuf>,
     /// Require this reference (exit code 69 if it is not installed). By default cyclictest is used if it is present.
     #[arg(long, value_enum)]
     pub compare: Option<Compare>,
@@ -100,13 +97,7 @@ impl Cli {
     pub fn check(&self) -> Result<(), Failure> {
         check_bounds("--seconds", self.seconds, [SECONDS_MIN, SECONDS_MAX])?;
         check_bounds("--rate-hz", self.rate_hz, RATE_HZ)?;
-        check_bounds("--load", self.load, [0, LOAD_MAX])?;
-        match &self.plot {
-            Some(path) if path.extension().is_none_or(|extension| extension != "png") => {
-                Err(out_of_bounds("--plot", path.display(), "a file that ends in .png"))
-            }
-            _ => Ok(()),
-        }
+        check_bounds("--load", self.load, [0, LOAD_MAX])
     }
 }
 

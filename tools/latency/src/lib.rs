@@ -12,7 +12,6 @@ pub mod figures;
 pub mod host;
 pub mod load;
 pub mod measured;
-pub mod plot;
 pub mod processes;
 pub mod reference;
 pub mod report;

@@ -1,7 +1,7 @@
 //! The command line program of the library. The same program runs as every process that it measures, and as the probe.
 
 use latency::cli::Cli;
-use latency::{plot, reference, report as text, run};
+use latency::{reference, report as text, run};
 use report::JsonOutput;
 use rt::{Exit, Failure, Shutdown};
 use std::process::ExitCode;
@@ -26,13 +26,7 @@ fn main() -> ExitCode {
 fn measure(options: &Cli) -> Result<(), Failure> {
     options.check()?;
     let json = JsonOutput::open(options.json.as_deref())?;
-    options.plot.as_deref().map(report::open_before_run).transpose()?;
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Failed))?;
     let measured = run::run(options, &shutdown)?;
-    json.write(&text::text(&measured), &measured.to_json(options))?;
-    if let Some(path) = &options.plot {
-        let unwritten = |cause| Failure::new(Exit::CantCreate, format!("{}: {cause}", path.display()));
-        plot::draw(path, &measured).map_err(unwritten)?;
-    }
-    Ok(())
+    json.write(&text::text(&measured), &measured.to_json(options))
 }
