@@ -94,8 +94,7 @@ pub enum Command {
     Control(Process),
     /// Drives the robot: runs the program that `driver.program` names, or else the driver of the simulated robot.
     Driver(Process),
-    /// Simulates the robot: joints, motors, encoders and its own watchdog. With `new` or `convert`: writes a
-    /// robot file.
+    /// Simulates the robot: joints, motors, encoders and its own watchdog. With `new`: writes a robot file.
     #[command(args_conflicts_with_subcommands = true)]
     Robot {
         #[command(flatten)]
@@ -148,14 +147,6 @@ pub enum RobotFile {
         #[arg(value_name = "FILE.urdf")]
         urdf: PathBuf,
         /// Write the robot file here (default: beside the URDF). Fails if the file exists.
-        #[arg(long, value_name = "FILE.toml")]
-        out: Option<PathBuf>,
-    },
-    /// Writes a robot file of format 1 again, in format 2. Values stay, comments are lost.
-    Convert {
-        #[arg(value_name = "FILE.toml")]
-        file: PathBuf,
-        /// Write it here (default: in place, and the old file is kept as FILE.toml.1).
         #[arg(long, value_name = "FILE.toml")]
         out: Option<PathBuf>,
     },

@@ -1,4 +1,4 @@
-//! `teleopd robot new` and `teleopd robot convert`: the first robot file of a robot, and an older one in today's format.
+//! `teleopd robot new`: the first robot file of a robot.
 
 use crate::cli::RobotFile;
 use rt::{Exit, Failure, out};
@@ -8,21 +8,6 @@ use std::path::{Path, PathBuf};
 pub fn run(command: &RobotFile) -> Result<Exit, Failure> {
     match command {
         RobotFile::New { urdf, out } => new(urdf, out.as_deref()),
-        RobotFile::Convert { file, out } => {
-            let name = file.display().to_string();
-            let text = robot::convert(&name, &read(file)?).map_err(Failure::with(Exit::DataErr))?;
-            let out = out.as_deref().unwrap_or(file);
-            if out == file {
-                let kept = file.with_extension("toml.1");
-                create(&kept, &read(file)?)?;
-                out!("kept the old file as {}", kept.display());
-                std::fs::write(file, text).map_err(|error| Failure::unwritable(file, &error))?;
-            } else {
-                create(out, &text)?;
-            }
-            out!("wrote {}; comments were lost", out.display());
-            Ok(Exit::Ok)
-        }
     }
 }
 

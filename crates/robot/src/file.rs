@@ -229,7 +229,7 @@ impl RobotFile {
         // The format comes first: an older file has other keys, and their names would say nothing.
         let Format { format } = toml::from_str(text).map_err(syntax)?;
         if format == 1 {
-            return refuse("format", "1".into(), "this version reads 2: `teleopd robot convert FILE` writes it again");
+            return refuse("format", "1".into(), "this version reads 2: `teleopd robot new URDF` writes one");
         }
         if format != FORMAT {
             return refuse("format", format.to_string(), &format!("this version reads {FORMAT}"));

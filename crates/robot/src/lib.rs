@@ -14,7 +14,6 @@
 mod arm;
 mod collision;
 mod commanded;
-mod convert;
 mod draft;
 mod effective;
 mod environment;
@@ -45,7 +44,6 @@ mod xml;
 
 pub use arm::Arm;
 pub use collision::{AllowedPair, AllowedReason, CAPSULES_MAX, Capsule, Pair};
-pub use convert::convert;
 pub use draft::{Draft, draft};
 pub use environment::{BOXES_MAX, BoxEntry, Environment, Obstacle, PLANES_MAX, PlaneEntry, Solid};
 pub use error::RobotError;

@@ -1,7 +1,6 @@
 //! All integration tests of `robot`. They are one program, so they are linked once.
 
 mod arms;
-mod convert;
 mod draft;
 mod drafts;
 mod environment;

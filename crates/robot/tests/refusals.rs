@@ -137,7 +137,7 @@ fn f097_error_in_robot_file_is_refused_with_its_key() {
         ("[collision]", "clearance_min_mm = 10.0", "clearance_min_mm = 0.0", "clearance_min_mm"),
         ("[limits]", "stop_time_max_ms = 500.0", "stop_time_max_ms = 900.0", "stop_time_max_ms"),
         ("format = 2", "format = 2", "format = 3", "format"),
-        ("format = 2", "format = 2", "format = 1", "teleopd robot convert"),
+        ("format = 2", "format = 2", "format = 1", "teleopd robot new URDF"),
         ("urdf =", "tiago_dual.urdf", "../tiago_dual.urdf", "urdf"),
         ("base_link =", "base_footprint", "base_link", "base_link"),
         ("body_joints", "\"head_1_joint\"", "\"head_9_joint\"", "head_9_joint"),
