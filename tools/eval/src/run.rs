@@ -6,7 +6,7 @@ use crate::methods::{Method, Missing, Posture, Solver, prepare};
 use crate::metrics::{Task, measure};
 use crate::report::{Measured, Report, Setting};
 use crate::timing::{Moment, us_per_pose};
-use crate::{contacts, following, keyposes, plots, refusals, video, words};
+use crate::{following, keyposes, plots, refusals, video, words};
 use ::report::print;
 use config::{Loaded, Overrides};
 use rayon::prelude::*;
@@ -33,9 +33,6 @@ pub fn run(cli: &Cli) -> Result<(), Failure> {
     }
     if let Some(folder) = &cli.video {
         return video::run(cli, folder);
-    }
-    if cli.contacts {
-        return contacts::run(cli);
     }
     cli.human.as_deref().map_or(Ok(()), |folder| retargeting(cli, folder))
 }

@@ -57,26 +57,9 @@ fn sew_of_turned_poses_keeps_limits_and_beats_closed_form() {
     assert!(ours < simple, "{ours} {simple}");
 }
 
-fn loaded() -> config::Loaded {
-    config::load(std::path::Path::new("../../config/teleop.toml"), config::Overrides::default()).expect("settings")
-}
-
 /// A motion of the eleven.
 fn named(name: &str) -> motion::Motion {
     poses::motions::paper_motions().into_iter().find(|motion| motion.name == name).expect("the motion")
-}
-
-#[test]
-fn boxers_fists_are_commanded_near_head_and_each_other() {
-    let mut loaded = loaded();
-    loaded.settings.retarget.contact_weight = 1.0;
-    let motion = &named("box");
-    let played = eval::contacts::Played::new(&loaded, motion, 1.0).expect("it is played");
-    let [commanded, held] = played.commands(&loaded.model);
-    let mean_m = |errors: eval::contacts::Errors| errors.mean_m().expect("a contact");
-    // Limbs that were corrected, without the hands' own places: 3.2, 5.8 and 7.2 cm.
-    let found_m = [commanded.head, commanded.hands, held.hands].map(mean_m);
-    assert!(found_m[0] < 0.02 && found_m[1] < 0.04 && found_m[2] < 0.03, "{found_m:?} m");
 }
 
 #[test]
@@ -105,31 +88,6 @@ fn forearms_of_corrected_arms_that_cross_lie_before_the_torso() {
 }
 
 #[test]
-fn optimum_of_contacts_reaches_slow_ones_and_misses_fast_ones() {
-    let loaded = loaded();
-    let mut chest_m = None;
-    let mut excess_m = |name: &str| {
-        let motion = &named(name);
-        let played = eval::contacts::Played::new(&loaded, motion, 1.0).expect("it is played");
-        let postures = eval::contacts::postures(&loaded.model, motion, 1.0);
-        let mean_m = |contacts: eval::contacts::Contacts| contacts.hands.mean_m().expect("hands that touch");
-        let optimum = played.optimum(&loaded.model);
-        chest_m = optimum.chest.mean_m();
-        let optimum_m = mean_m(optimum);
-        assert!(name != "cross-arms" || optimum_m > 0.03, "{optimum_m} m");
-        optimum_m - mean_m(postures)
-    };
-    let [clap_m, cross_m, box_m] = ["clap", "cross-arms", "box"].map(&mut excess_m);
-    assert!(clap_m.abs() < 0.005, "{clap_m} m");
-    // The best for limbs alone misses by 3.5 cm more.
-    assert!(box_m.abs() < 0.01, "{box_m} m");
-    // A search that begins at the best for limbs alone misses by 5 cm.
-    assert!(chest_m.is_some_and(|chest_m| chest_m < 0.025), "{chest_m:?} m");
-    // Hands that pass each other: 2.9 cm.
-    assert!(cross_m > 0.02, "{cross_m} m");
-}
-
-#[test]
 fn limbs_of_a_resting_arm_do_not_leap_when_the_other_hand_leaves() {
     let model =
         train::files::read_model(std::path::Path::new("../../config/robots/tiago_dual.toml")).expect("the robot");
@@ -151,30 +109,4 @@ fn limbs_of_a_resting_arm_do_not_leap_when_the_other_hand_leaves() {
         }
     }
     assert!(resting > 50, "{resting}");
-}
-
-#[test]
-fn contacts_count_where_the_person_touches() {
-    let motions = poses::motions::paper_motions();
-    // What the arms reach: RB-Y1's hands on its head and G1's crossed arms are the worst.
-    for (robot, reached_m) in [("tiago_dual", 0.03), ("unitree_g1", 0.06), ("rby1a", 0.05)] {
-        let path = format!("../../config/robots/{robot}.toml");
-        let model = train::files::read_model(std::path::Path::new(&path)).expect("the robot");
-        let mut worst_m = [0.0_f64; 2];
-        for (motion, weight) in motions.iter().flat_map(|motion| [(motion, 0.0), (motion, 1.0)]) {
-            let contacts = eval::contacts::postures(&model, motion, weight);
-            for errors in [contacts.head, contacts.chest, contacts.hands] {
-                let worst = &mut worst_m[usize::from(weight > 0.0)];
-                *worst = errors.mean_m().map_or(*worst, |mean_m| mean_m.max(*worst));
-                assert!(errors.mean_m().is_none_or(|mean_m| mean_m <= errors.max_m), "{errors:?}");
-            }
-            let touches = contacts != eval::contacts::Contacts::default();
-            assert!(!touches || motion.name != "t-pose", "nothing touches: {contacts:?}");
-        }
-        let [limbs_m, corrected_m] = worst_m;
-        assert!(
-            limbs_m > 0.15 && corrected_m < reached_m,
-            "{robot}: limbs alone {limbs_m} m, corrected {corrected_m} m"
-        );
-    }
 }

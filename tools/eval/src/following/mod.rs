@@ -33,7 +33,7 @@ pub use play::{Played, Sample, Stage};
 pub(crate) use plot::{DELAYED, error_over_time};
 pub use report::Report;
 pub use riccati::Joints;
-pub use tracking::{HandPath, Motion, NODE_S};
+pub use tracking::{Motion, NODE_S};
 
 use crate::cli::Cli;
 use crate::clips::{chosen, stem};

@@ -7,20 +7,18 @@
 //! resulting motion can be executed. The true optimum has the same error or less.
 
 use super::riccati::Joints;
-use super::tracking::{HandPath, Loss, Motion, NODE_S, Task, brake};
+use super::tracking::{Loss, Motion, NODE_S, Task, brake};
 use follow::solver::{Bounds, State};
 use retarget::{ArmModel, Limbs};
 
 /// Nodes of a window, and the number of nodes that are kept. The times are 2 s and 1 s, 1 s and 0.5 s, 0.5 s and 0.1 s.
 const WINDOWS: [(usize, usize); 3] = [(100, 50), (50, 25), (25, 5)];
-/// The same of the search by angles and hands: 1.2 s and 0.1 s.
-const TOUCHING_WINDOW: (usize, usize) = (60, 5);
 
 /// Returns a motion of one arm from the start. The start belongs to the first limbs of the path, and the
 /// motion's states to the others.
 pub fn least_squares(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State) -> Motion {
     let Some(goal) = path.get(1..) else { return Motion::from(start, Vec::new()) };
-    let task = Task { arm, bounds, goal, start, hand: None };
+    let task = Task { arm, bounds, goal, start };
     let found = WINDOWS.map(|window| search(&task, window, Loss::Square));
     let best = found.into_iter().map(|motion| (error_deg(arm, &motion, goal), motion));
     best.reduce(|a, b| if b.0 < a.0 { b } else { a }).map_or(Motion::from(start, Vec::new()), |(_, best)| best)
@@ -33,22 +31,10 @@ pub fn optimum(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State) ->
 /// Returns a motion from `start` with a smaller sum of the angles themselves, if one is found.
 pub fn improved(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State, best: Motion) -> Motion {
     let goal = path.get(1..).unwrap_or_default();
-    let task = Task { arm, bounds, goal, start, hand: None };
+    let task = Task { arm, bounds, goal, start };
     let bounds = task.bounds_around(&best);
     let polished = Task { bounds: &bounds, ..task }.improve(best.clone(), Loss::Angle);
     if error_deg(arm, &polished, goal) < error_deg(arm, &best, goal) { polished } else { best }
-}
-
-/// Returns the best motion that is found for the places of the hand as well: what a hand that touches can reach. One search
-/// improves [`optimum`], and one goes through the path in windows.
-pub fn optimum_touching(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State, hand: HandPath<'_>) -> Motion {
-    let (best, goal) = (optimum(arm, bounds, path, start), path.get(1..).unwrap_or_default());
-    let task = Task { arm, bounds, goal, start, hand: Some(hand) };
-    let [best, other] = [best, search(&task, TOUCHING_WINDOW, Loss::Angle)].map(|motion| {
-        let bounds = task.bounds_around(&motion);
-        Task { bounds: &bounds, ..task }.improve(motion, Loss::Angle)
-    });
-    if task.loss(&other, Loss::Angle) < task.loss(&best, Loss::Angle) { other } else { best }
 }
 
 /// Returns the sum of both limbs' angles over all nodes, degrees.
@@ -64,8 +50,7 @@ fn search(whole: &Task<'_>, (nodes, kept): (usize, usize), loss: Loss) -> Motion
         let rest = &whole.goal[all.len()..];
         let goal = &rest[..nodes.min(rest.len())];
         let guess = Motion::from(at, extended(at, left, goal.len(), whole.bounds));
-        let hand = whole.hand.map(|hand| hand.from(all.len()));
-        let task = Task { goal, start: at, hand, ..*whole };
+        let task = Task { goal, start: at, ..*whole };
         let bounds = task.bounds_around(&guess);
         let mut found = Task { bounds: &bounds, ..task }.improve(guess, loss);
         let kept = if goal.len() == rest.len() { goal.len() } else { kept };

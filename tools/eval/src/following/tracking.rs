@@ -4,8 +4,7 @@
 
 use super::riccati::{Change, Joints, Node, step};
 use follow::solver::{Bounds, State};
-use nalgebra::Vector3;
-use retarget::{ARM_Q, ArmModel, ArmQ, KinematicChain, Limbs};
+use retarget::{ARM_Q, ArmModel, ArmQ, Limbs};
 
 /// Time between nodes, s.
 pub const NODE_S: f64 = 0.02;
@@ -55,43 +54,6 @@ impl Loss {
     }
 }
 
-/// Cost of a hand's distance from its place, beside that of an angle, rad/m. With 5 and with 50 the contacts are the same
-/// within 0.3 cm.
-const HAND_RAD_PER_M: f64 = 5.0;
-/// A distance below this counts by its square, m.
-const SMALL_M: f64 = 0.01;
-
-#[derive(Clone, Copy, Debug)]
-pub struct HandPath<'a> {
-    pub chain: &'a KinematicChain,
-    /// Place of the hand, m, and its share from 0 to 1. `None` where it does not count.
-    pub to: &'a [Option<(Vector3<f64>, f64)>],
-}
-
-impl HandPath<'_> {
-    pub fn from(self, k: usize) -> Self {
-        Self { to: self.to.get(k..).unwrap_or_default(), ..self }
-    }
-
-    fn loss(&self, arm: &ArmModel, k: usize, q: &ArmQ) -> f64 {
-        let Some(Some((to, share))) = self.to.get(k) else { return 0.0 };
-        share * HAND_RAD_PER_M * ((self.chain.hand(arm, q) - to).norm().hypot(SMALL_M) - SMALL_M)
-    }
-
-    fn add(&self, node: &mut Node, arm: &ArmModel, k: usize, q: &ArmQ) {
-        let Some(Some((to, share))) = self.to.get(k) else { return };
-        let (at, by) = self.chain.linearize(arm, q);
-        let (error, by) = (at - to, by.map(Vector3::from));
-        let weight = share * HAND_RAD_PER_M / error.norm().hypot(SMALL_M);
-        for j in 0..ARM_Q {
-            node.q[j] += weight * by[j].dot(&error);
-            for i in 0..ARM_Q {
-                node.qq[(i, j)] += weight * by[j].dot(&by[i]);
-            }
-        }
-    }
-}
-
 /// A path to follow from a state. Node k of the motion belongs to `goal[k]`.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
@@ -99,7 +61,6 @@ pub struct Task<'a> {
     pub bounds: &'a Bounds,
     pub goal: &'a [Limbs],
     pub start: State,
-    pub hand: Option<HandPath<'a>>,
 }
 
 /// Accelerations between nodes, and the resulting states.
@@ -188,14 +149,11 @@ impl Task<'_> {
 
     /// Returns the cost of a motion, without barriers.
     pub fn loss(&self, motion: &Motion, loss: Loss) -> f64 {
-        let nodes = motion.states.iter().zip(self.goal).enumerate();
-        nodes
-            .map(|(k, (state, goal))| {
-                let q = state.q.into();
-                let angles = angles(&self.arm.residual(&q, goal)).map(|angle| loss.value(angle));
-                angles.iter().sum::<f64>() + self.hand.map_or(0.0, |hand| hand.loss(self.arm, k, &q))
-            })
-            .sum()
+        let nodes = motion.states.iter().zip(self.goal);
+        let at_node = |(state, goal): (&State, &Limbs)| {
+            angles(&self.arm.residual(&state.q.into(), goal)).map(|angle| loss.value(angle)).iter().sum::<f64>()
+        };
+        nodes.map(at_node).sum()
     }
 
     fn barrier(&self, motion: &Motion) -> f64 {
@@ -226,12 +184,9 @@ impl Task<'_> {
     /// Returns the quadratic model about a motion. `damping` is added to the curvature by positions.
     fn model(&self, motion: &Motion, loss: Loss, barrier: f64, damping: f64) -> Vec<Node> {
         let Bounds { q_min, q_max, v_max, a_max } = self.bounds;
-        let model = |(k, ((state, a), goal)): (usize, ((&State, &Joints), &Limbs))| {
+        let model = |((state, a), goal): ((&State, &Joints), &Limbs)| {
             let (mut node, q) = (Node::default(), state.q.into());
             add_limbs(&mut node, self.arm, &q, goal, loss);
-            if let Some(hand) = self.hand {
-                hand.add(&mut node, self.arm, k, &q);
-            }
             for j in 0..ARM_Q {
                 let (_, slope, curvature) = between(q_min[j], q_max[j], state.q[j]);
                 node.q[j] += barrier * slope;
@@ -243,7 +198,7 @@ impl Task<'_> {
             }
             node
         };
-        let nodes = motion.states.iter().zip(&motion.a).zip(self.goal).enumerate();
+        let nodes = motion.states.iter().zip(&motion.a).zip(self.goal);
         let mut nodes: Vec<Node> = nodes.map(model).collect();
         if let (Some(node), Some(last)) = (nodes.last_mut(), motion.states.last()) {
             for j in 0..ARM_Q {
