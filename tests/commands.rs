@@ -30,7 +30,7 @@ const NETWORK: &str = "needs a network";
 const ROOT: &str = "needs root. tests/systemd runs the units";
 
 /// Rows by the beginning of the command. The first match applies.
-const ROWS: [(&str, How); 73] = [
+const ROWS: [(&str, How); 72] = [
     ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
     ("cargo run --release -- demo --robot", Ends(DEMO, "")),
     ("cargo run --release -- demo --motion", Ends(DEMO, "--seconds 3")),
@@ -79,7 +79,6 @@ const ROWS: [(&str, How); 73] = [
     ("cargo run --release -p latency", Listed("takes minutes", "2026-11-21")),
     ("cargo run --release -p eval -- --human", Listed("compares with solvers for minutes", "2026-11-21")),
     ("cargo run --release -p eval -- --following", Ends(&[0], "--no-optimum")),
-    ("cargo run --release -p eval -- --contacts", Listed("takes minutes", "2026-11-27")),
     ("cargo run --release -p bridge -- mvn", Tested("tools/bridge/tests/program.rs")),
     ("cargo run --release -p layouts --example outliers", Listed("wants recordings of cameras", "2026-11-25")),
     ("cargo run --release -p rt --example wake", Listed("wants an idle machine", "2026-11-25")),

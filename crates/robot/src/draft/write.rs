@@ -21,7 +21,7 @@ const LIFT_STOP_S: f64 = 0.48;
 const SPEED_SHARE: f64 = 0.93;
 /// Half of the range that a draft leaves to a joint that can turn farther than once round, and the room that T-pose and home
 /// have in it. Assumptions.
-const HALF_TURN_RAD: f64 = 3.14;
+const HALF_TURN_RAD: f64 = 3.1;
 const HALF_TURN_ROOM_RAD: f64 = 0.3;
 /// Margin inside the URDF's range. Assumption: those of TIAGo++'s robot file.
 const MARGIN_RAD: f64 = 0.02;
