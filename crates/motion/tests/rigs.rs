@@ -427,6 +427,14 @@ fn no_dialect_is_refused_or_changes_an_angle() {
     assert!(check(written.into_iter()) >= 40);
 }
 
+#[test]
+fn book_lists_every_dialect_and_naming_scheme() {
+    let book = include_str!("../../../docs/src/motion-files.md").replace('\n', " ");
+    let lists =
+        [DIALECTS.map(|row| row.0).join(", "), rigs().iter().map(|rig| rig.name).collect::<Vec<_>>().join("; ")];
+    lists.iter().for_each(|list| assert!(book.contains(list), "write this in motion-files.md: {list}"));
+}
+
 /// Every rig with every kind of channels, cut and written at random. `TELEOPD_CLIPS=5000` tries more.
 #[test]
 fn random_cuts_names_orders_and_rates_keep_every_angle() {
