@@ -214,6 +214,17 @@ fn desk_arm() -> ArmModel {
     ArmModel::new(axes, [0.0; ARM_Q], [-1.5, -1.6, 0.0, -2.4, 0.0], [1.5, 1.6, 0.0, 0.3, 0.0])
 }
 
+/// An empty slot has no range to normalise a position by.
+#[test]
+fn weights_of_an_arm_with_empty_slots_are_read_back() {
+    let (arm, layers) = (desk_arm(), crate::support::layers(1, 2, 16));
+    let (robot, joints) = ("desk".to_owned(), ["a", "b", "", "c", ""].map(str::to_owned));
+    let identity = retarget::ArmIdentity { robot, robot_hash: 7, joints, arm };
+    let (bytes, text) = retarget::write_weights(&layers, &retarget::Manifest::new(&identity, &layers)).unwrap();
+    let weights = retarget::Weights::read(&text, &bytes, &identity).unwrap_or_else(|error| panic!("{error}"));
+    assert!(weights.network.decode(&[[0.3; retarget::LATENT]])[0].iter().all(|q| q.is_finite()));
+}
+
 #[test]
 fn limb_without_roll_is_matched_by_its_direction() {
     let (arm, mut rng) = (desk_arm(), Pcg64::seed_from_u64(15));

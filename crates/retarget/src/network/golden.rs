@@ -22,7 +22,9 @@ pub(crate) fn error(network: &Network, layers: &Layers) -> Result<(), f64> {
         let latent = network.encode_human(&[features])[0];
         let given: Vec<f64> = features.iter().map(|x| f64::from(*x)).collect();
         worst = farther(worst, latents(&latent, &plain(&layers.human, &given)));
-        let normalised: Vec<f64> = (0..ARM_Q).map(|j| (q[j] - network.mid[j]) / network.half[j]).collect();
+        // An empty slot has no range.
+        let scaled = |j: usize| if network.half[j] > 0.0 { (q[j] - network.mid[j]) / network.half[j] } else { 0.0 };
+        let normalised: Vec<f64> = (0..ARM_Q).map(scaled).collect();
         let robot = network.encode_robot(&[q])[0];
         worst = farther(worst, latents(&robot, &plain(&layers.robot, &normalised)));
         let given: Vec<f64> = latent.iter().map(|x| f64::from(*x)).collect();
