@@ -75,17 +75,18 @@ fn urdf_without_two_arms_is_refused_with_reason() {
 
 #[test]
 fn joint_without_range_is_refused_before_it_is_solved() {
-    let at = G1.find("<joint name=\"left_elbow_joint\"").unwrap();
-    let limit = &G1[at + G1[at..].find("<limit").unwrap()..];
-    let limit = &limit[..limit.find("/>").unwrap() + 2];
-    for new in [
-        "",
-        "<limit lower=\"1\" upper=\"-1\" velocity=\"1\" effort=\"1\"/>",
-        "<limit lower=\"nan\" upper=\"1\" velocity=\"1\" effort=\"1\"/>",
-    ] {
-        let urdf = format!("{}{}", &G1[..at], G1[at..].replacen(limit, new, 1));
+    let wrong = ["", "lower=\"1\" upper=\"-1\"", "lower=\"nan\" upper=\"1\""];
+    let new = |range: &&str| {
+        if range.is_empty() { String::new() } else { format!("<limit {range} velocity=\"1\" effort=\"1\"/>") }
+    };
+    let joints = ["left_shoulder_roll_joint", "left_elbow_joint", "left_wrist_roll_joint"];
+    for (joint, new) in joints.iter().flat_map(|joint| wrong.iter().map(new).map(move |new| (*joint, new))) {
+        let at = G1.find(&format!("<joint name=\"{joint}\"")).unwrap();
+        let limit = &G1[at + G1[at..].find("<limit").unwrap()..];
+        let limit = &limit[..limit.find("/>").unwrap() + 2];
+        let urdf = format!("{}{}", &G1[..at], G1[at..].replacen(limit, &new, 1));
         let error = draft("r.urdf", &urdf).unwrap_err().to_string();
-        assert!(error.contains("r.urdf") && error.contains("left_elbow_joint"), "{new}: {error}");
+        assert!(error.contains("r.urdf") && error.contains(joint), "{new}: {error}");
     }
 }
 

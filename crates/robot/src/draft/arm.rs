@@ -128,6 +128,11 @@ impl ArmChain {
         [self.shape.upper == ArmShape::MOST.upper, self.shape.fore == ArmShape::MOST.fore]
     }
 
+    /// Where the hand grasps, in the frame of the last link, m: the tip of a forearm whose hand no joint turns, or else zero.
+    pub(super) fn grasp(&self) -> [f64; 3] {
+        if self.shape.hand == 0 { self.tip.map(|x| (x * 1e3).round() / 1e3 + 0.0).into() } else { [0.0; 3] }
+    }
+
     /// The origin of joint `i`, or the tip beyond the last one.
     fn point(&self, poses: &[Pose], i: usize) -> Vector3<f64> {
         poses.get(i).map_or_else(|| poses[poses.len() - 1].transform_point(&self.tip), |pose| pose.t)

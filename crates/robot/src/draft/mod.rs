@@ -47,6 +47,8 @@ struct Found {
     home: [Positions; 2],
     supplied: Vec<Supplied>,
     base_height_m: f64,
+    /// Where the hands grasp, in the frames of the arms' last links, m. Known for arms whose elbow is the last joint.
+    grasp: [[f64; 3]; 2],
 }
 
 /// Drafts the robot file of a URDF: it finds the two arms, the torso and the body's joints, solves the T-pose and a
@@ -63,6 +65,7 @@ pub fn draft(urdf_name: &str, urdf_text: &str) -> Result<Draft, RobotError> {
     let ends = Vec::from_iter(found.chains.iter().filter_map(|chain| chain.ends.clone()));
     let (torso_link, chains) = (found.torso, found.chains.each_ref().map(|chain| chain.joints.as_slice()));
     let supplied = limits::supply(&mut tree, &chains.concat());
+    check_limits(urdf_name, &tree, chains.concat().iter())?;
     let (start, shape) = window(&tree, torso_link, chains);
     let arms = chains.map(|chain| chain[start..start + shape.joints()].to_vec());
     let (link_from_torso, arms) = sides(&tree, torso_link, arms, shape);
@@ -71,7 +74,6 @@ pub fn draft(urdf_name: &str, urdf_text: &str) -> Result<Draft, RobotError> {
         let bound = format!("at most {} body joints", JOINTS_MAX - 2 * shape.joints());
         return Err(refuse("body joints", body.len().to_string(), &bound));
     }
-    check_limits(urdf_name, &tree, arms.iter().flatten())?;
     let held = held(&tree, &body, &arms);
     let [left, right] =
         arms.each_ref().map(|joints| ArmChain::new(&tree, (torso_link, &link_from_torso), joints, shape));
@@ -80,6 +82,7 @@ pub fn draft(urdf_name: &str, urdf_text: &str) -> Result<Draft, RobotError> {
     let [mut left, right] = chains_of_arms;
     left.narrow(&right, &signs);
     let reference = left.reference();
+    let grasp = [&left, &right].map(ArmChain::grasp);
     let home = left.home();
     let mirrored = Posture { q: std::array::from_fn(|i| signs[i] * reference.q[i] + 0.0), ..reference };
     let supplied = supplied.into_iter().filter(|one| arms.iter().flatten().any(|arm| *arm == one.joint)).collect();
@@ -94,6 +97,7 @@ pub fn draft(urdf_name: &str, urdf_text: &str) -> Result<Draft, RobotError> {
         home: [home, std::array::from_fn(|i| signs[i] * home[i] + 0.0)],
         supplied,
         base_height_m: base_height_m(&tree),
+        grasp,
     };
     let toml = write::toml(urdf_name, &tree, &found);
     let (mut guesses, mut decisions) = notes::notes(&tree, &found);

@@ -76,11 +76,9 @@ pub(super) fn toml(urdf_name: &str, tree: &Tree, found: &Found) -> String {
     for group in groups(tree, found).iter().filter(|group| !group.joints.is_empty()) {
         write_group(&mut out, tree, group, &at_home);
     }
-    for side in ["left", "right"] {
-        let _ = write!(
-            out,
-            "[payload.{side}]\nmass_kg = 0.0\ncentre_m = [0.0, 0.0, 0.0]   # decide: where the hand grasps\n\n"
-        );
+    for (side, grasp) in ["left", "right"].into_iter().zip(found.grasp) {
+        let _ =
+            write!(out, "[payload.{side}]\nmass_kg = 0.0\ncentre_m = {grasp:?}   # decide: where the hand grasps\n\n");
     }
     supply(&mut out, tree, found);
     tighten(&mut out, tree, found);
