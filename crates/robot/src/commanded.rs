@@ -260,7 +260,8 @@ impl Source<'_> {
             if counts.contains(&count) && count <= commanded.arm_count {
                 return Ok(count);
             }
-            let names = counts.filter_map(|count| commanded.names[start..].get(count.checked_sub(1)?));
+            let own = &commanded.names[start..start + commanded.arm_count];
+            let names = counts.filter_map(|count| own.get(count.checked_sub(1)?));
             let names: Vec<_> = names.map(|name| format!("`{name}`")).collect();
             let bound = format!("must move with joint {}", names.join(" or "));
             Err(self.value(&key, format!("`{name}`"), bound))
