@@ -44,10 +44,14 @@ pub fn closed_form(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
 /// The best of short refinements from `previous` and from postures that are spread over the ranges. Of those that are equally
 /// good, it is the one nearest to `previous`.
 fn searched(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
-    // Each bit puts one of the first four joints at a quarter or at three quarters of its range.
+    // Each bit puts one of the first four joints at a quarter or at three quarters of its range. The last one is of slot 3, which
+    // is empty if the upper arm cannot roll.
+    let starts = SPREAD_STARTS >> u32::from(!arm.rolls[0]);
     let (mid, half) = (arm.mid(), arm.half());
-    let spread = (0..SPREAD_STARTS).map(|bits: u32| {
-        std::array::from_fn(|j| mid[j] + half[j] * [-0.5, 0.5, 0.0][if j < 4 { (bits >> j & 1) as usize } else { 2 }])
+    let spread = (0..starts).map(|bits: u32| {
+        std::array::from_fn(|j| {
+            mid[j] + half[j] * [-0.5, 0.5, 0.0][if j < 4 { (bits >> [0, 1, 3, 2][j] & 1) as usize } else { 2 }]
+        })
     });
     let end = |start: ArmQ| refine(arm, human, &start, previous, PRIOR_WEIGHT * SEARCH_PRIOR, SEARCH_STEPS);
     let best = spread.map(end).fold(end(*previous), |best, next| {

@@ -57,7 +57,8 @@ pub fn posture(arm: &ArmModel, human: &Limbs, start: &ArmQ, previous: Option<&Ar
     };
     let closed = || {
         let by = if previous.is_some() { WORTH_A_LEAP } else { CLEARLY_BETTER };
-        better(&closed_form(arm, human, previous.unwrap_or(&found.q)), by)
+        // It is slow for an arm without a closed form, and what is this near leaves nothing to gain.
+        (found.s_gr > by).then(|| closed_form(arm, human, previous.unwrap_or(&found.q))).and_then(|q| better(&q, by))
     };
     previous.and_then(|previous| better(previous, CLEARLY_BETTER)).or_else(closed).unwrap_or(found.q)
 }
