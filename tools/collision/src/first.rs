@@ -97,7 +97,7 @@ impl Draft {
         if std::mem::take(&mut self.is_cut) {
             let before = std::mem::replace(&mut self.named, named(plan, &self.group, self.splitter.cells(), scene)?);
             for capsule in &mut self.named {
-                let same = before.iter().find(|known| known.shape == capsule.shape);
+                let same = before.iter().find(|known| (&known.link, known.shape) == (&capsule.link, capsule.shape));
                 same.into_iter().for_each(|known| capsule.content = known.content.clone());
             }
         }

@@ -246,12 +246,14 @@ pub fn prove_parts(
     }
     let (mut at_least_m, mut meeting) = (f64::INFINITY, None);
     let done = between.visit(cells_max, &mut |frames, drift_m| {
-        let middle_m = distance(frames, [clear_m, clear_m + drift_m]);
+        // One bound for both: what the distance was asked for, and what ends a cell.
+        let enough_m = clear_m + drift_m;
+        let middle_m = distance(frames, [clear_m, enough_m]);
         if middle_m <= clear_m {
             meeting = Some(middle_m);
             return Step::Stop;
         }
-        if middle_m - drift_m > clear_m {
+        if middle_m > enough_m {
             at_least_m = at_least_m.min(middle_m - drift_m);
             return Step::Done;
         }
