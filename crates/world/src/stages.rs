@@ -122,8 +122,8 @@ fn driver_options(loaded: &Loaded, realtime: bool, initial_outside: bool) -> che
     let Settings { driver, safety, sim, .. } = &loaded.settings;
     let factor = if realtime { 1.0 } else { safety.stale_factor_without_realtime };
     let pause_ms = match driver.kind {
-        DriverKind::Sim => PAUSE_MS.max(safety.state_stale_ms),
-        DriverKind::Robot => PAUSE_MS,
+        DriverKind::Sim if driver.program.is_empty() => PAUSE_MS.max(safety.state_stale_ms),
+        DriverKind::Sim | DriverKind::Robot => PAUSE_MS,
     };
     checker::Options {
         interface: loaded.settings.interface(),
