@@ -12,6 +12,8 @@ const EVERY: usize = 12;
 /// Largest angle between a limb and the person's that the robot's best posture may leave, degrees. Shipped robots reach 0.0
 /// to 2.7 in the built-in motion. Files with exchanged arms or a wrong T-pose leave more than 20 (both measured).
 const BEST_MAX_DEG: f64 = 10.0;
+/// The same for an arm of which a limb cannot turn about its own length: twice what ideal ones leave (7 to 9 degrees, measured).
+const WITHOUT_ROLL_MAX_DEG: f64 = 18.0;
 /// Wrists farther apart than this from side to side tell the sides of a person's hands, m (chosen: a shoulder's half width).
 const APART_M: f64 = 0.2;
 /// Largest share of such frames in which the robot's hands may have changed their sides (chosen).
@@ -34,6 +36,7 @@ pub(super) struct Following {
     /// Larger limb error of the best posture for the T-pose, degrees.
     t_pose_deg: f64,
     hanging: Hanging,
+    best_max_deg: f64,
 }
 
 /// Posture of a person who stands with hanging arms.
@@ -78,6 +81,7 @@ impl Following {
             crossed: crossed / f64::max(apart, 1.0),
             t_pose_deg: upper.max(fore),
             hanging: Hanging::measure(model, &arm),
+            best_max_deg: if arm.rolls == [true; 2] { BEST_MAX_DEG } else { WITHOUT_ROLL_MAX_DEG },
         }
     }
 
@@ -85,13 +89,13 @@ impl Following {
         let judged = |check, good: bool, found: String, advice: &str| {
             if good { Finding::ok(check, found) } else { Finding::problem(check, found, advice) }
         };
-        let (best, bound) = (self.best_deg, format!("at most {BEST_MAX_DEG} deg"));
+        let (best, bound) = (self.best_deg, format!("at most {} deg", self.best_max_deg));
         let [crossed, crossed_max] = [self.crossed, CROSSED_SHARE_MAX].map(|share| 100.0 * share);
         let hanging = &self.hanging;
         vec![
             judged(
                 "limbs",
-                best <= BEST_MAX_DEG,
+                best <= self.best_max_deg,
                 format!("at best {best:.2} deg from the person's in the built-in motion, {bound}"),
                 "compare sides, reference_rad, torso_rpy_rad and ranges with the robot; `robot new` proposes them",
             ),
@@ -106,7 +110,7 @@ impl Following {
             ),
             judged(
                 "T-pose",
-                self.t_pose_deg <= BEST_MAX_DEG,
+                self.t_pose_deg <= self.best_max_deg,
                 format!("at best {:.2} deg from a limb of the person's T-pose, {bound}", self.t_pose_deg),
                 "bring reference_rad of both arms into their ranges, or widen these; `robot new` proposes it",
             ),
