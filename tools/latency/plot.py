@@ -16,7 +16,7 @@ def main(source, target):
         run = json.load(file)
     figure, axes = plt.subplot_mosaic([["hops", "compared"], ["seconds", "seconds"]], figsize=(16, 12), layout="constrained")
     for name, row in run["hops_us"].items():
-        axes["hops"].step(*zip(*row["tail"]), label=name.replace("_", " "))
+        axes["hops"].step(*zip(*row["tail"]), where="post", label=name.replace("_", " "))
     reference = run["reference"]
     compared = {f"{hop.replace('_', ' ')}, {kind}": rows[hop] for kind, rows in
                 [("events", run["hops_us"]), ("polled", run["polled"]["hops_us"])]
@@ -25,7 +25,7 @@ def main(source, target):
     if "cyclictest" in reference:
         compared["wake-up of cyclictest"] = reference["cyclictest"]
     for name, row in compared.items():
-        axes["compared"].step(*zip(*row["tail"]), label=name)
+        axes["compared"].step(*zip(*row["tail"]), where="post", label=name)
     for panel in ["hops", "compared"]:
         axes[panel].set(xscale="log", yscale="log", ylim=(1e-6, 1), xlabel="us", ylabel="share of durations beyond")
     for name, row in [("retarget, events", run["wake_up_us"]["retarget"]),

@@ -64,15 +64,15 @@ impl Distribution {
     }
 
     /// Returns durations, us, and the fraction of all durations that exceed each: the complement of the
-    /// cumulative distribution.
+    /// cumulative distribution, in steps of a hundredth of the fraction.
     pub fn tail(&self) -> Vec<(f64, f64)> {
-        let (all, mut left) = (self.count(), self.count());
-        let mut steps = Vec::new();
+        let (all, mut left, mut steps) = (self.count(), self.count(), vec![(0.0, 1.0)]);
         for (upper_ns, count) in self.all.buckets() {
-            let at_us = (upper_ns as f64 * 1e-3).min(self.max_us());
-            steps.push((at_us, left as f64 / all as f64));
             left -= count;
-            steps.push((at_us, left as f64 / all as f64));
+            let share = left as f64 / all as f64;
+            if steps.last().is_none_or(|(_, before)| share <= 0.99 * before) {
+                steps.push(((upper_ns as f64 * 1e-3).min(self.max_us()), share));
+            }
         }
         steps
     }
