@@ -5,16 +5,10 @@ use rt::{Exit, Failure, out};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-pub fn run(command: &RobotFile) -> Result<Exit, Failure> {
-    match command {
-        RobotFile::New { urdf, out } => new(urdf, out.as_deref()),
-    }
-}
-
-fn new(urdf: &Path, out: Option<&Path>) -> Result<Exit, Failure> {
+pub fn run(RobotFile::New { urdf, out }: &RobotFile) -> Result<Exit, Failure> {
     let name = urdf.file_name().unwrap_or_default().to_string_lossy();
     let draft = robot::draft(&name, &read(urdf)?).map_err(Failure::with(Exit::DataErr))?;
-    let out: PathBuf = out.map_or_else(|| urdf.with_extension("toml"), Path::to_path_buf);
+    let out: PathBuf = out.clone().unwrap_or_else(|| urdf.with_extension("toml"));
     create(&out, &draft.toml)?;
     out!("wrote {}", out.display());
     let refused = !draft.refusals.is_empty();
