@@ -154,23 +154,23 @@ impl DropReason {
     /// Explains the reason, with the bounds of motion capture, to help find the error in a client.
     pub const fn meaning(self) -> &'static str {
         match self {
-            Self::Layout => "the layout's number is unknown",
-            Self::Count => "the number of joints differs from the layout's, or a flag is unknown",
-            Self::Mirrored => "the frame is mirrored, and its layout does not allow that",
-            Self::NoOrigin => "header.origin, the time at which the person was seen, is 0",
+            Self::Layout => "the layout's number is unknown (is the client as old as this program?)",
+            Self::Count => "the number of joints, or a flag, is not the layout's (is it the client's layout?)",
+            Self::Mirrored => "the frame is mirrored, and its layout does not allow that (clear its flag)",
+            Self::NoOrigin => "header.origin, when the person was seen, is 0; it is CLOCK_MONOTONIC, ns",
             Self::Future => "header.origin lies in the future; it is CLOCK_MONOTONIC of this machine, ns",
             Self::Old => "header.origin is more than 100 ms ago; it is CLOCK_MONOTONIC of this machine, ns",
             Self::SessionChanged => "the session changed; its first frame is never used",
             Self::OperatorChanged => "operator_id changed; the first frame of another person is never used",
-            Self::Duplicate => "header.origin or header.sequence equals the previous frame's",
-            Self::Backwards => "header.origin or header.sequence went backwards",
-            Self::NotFinite => "a number is NaN or infinite",
+            Self::Duplicate => "header.origin or header.sequence equals the frame before (do two clients send?)",
+            Self::Backwards => "header.origin or header.sequence went backwards (do two clients send?)",
+            Self::NotFinite => "a number is NaN or infinite (an unseen joint needs the confidence 0)",
             Self::OutOfRange => {
                 "a coordinate is beyond 100 m, a joint more than 1.5 m from the pelvis, or a confidence not 0 to 1 \
                  (are the units those of the layout?)"
             }
-            Self::NotUnit => "a quaternion or a hinge is not of length 1",
-            Self::TrunkLost => "shoulders or hips are below a confidence of 0.5",
+            Self::NotUnit => "a quaternion or a hinge is not of length 1 (is the order x, y, z, w?)",
+            Self::TrunkLost => "shoulders or hips are below a confidence of 0.5 (is the whole trunk in view?)",
             Self::Size => {
                 "hips to shoulders are not 0.29 to 0.73 m, or an upper arm or a forearm is not 0.3 to 0.9 of that \
                  (are the units and the order of the joints those of the layout?)"
@@ -178,14 +178,14 @@ impl DropReason {
             Self::NotUpright => {
                 "trunk and legs lean by more than 60 degrees at the start (is the up axis the layout's?)"
             }
-            Self::Chirality => "left and right are swapped, or the person is mirrored",
+            Self::Chirality => "left and right are swapped, or the person is mirrored (is the image?)",
             Self::Teleport => {
                 "a shoulder went faster than 7 m/s, an elbow faster than 10 m/s, or a wrist faster than 12 m/s, \
                  relative to the hips; or the trunk jumped in a camera's image"
             }
-            Self::LengthStep => "a limb changed its length from one frame to the next",
-            Self::LengthChange => "a limb's length differs from that in the session's first second",
-            Self::Frozen => "the same numbers repeat: the tracker is stuck",
+            Self::LengthStep => "a limb changed its length from one frame to the next (is it one person?)",
+            Self::LengthChange => "a limb's length is not that of the session's first second (is it one person?)",
+            Self::Frozen => "the same numbers repeat: the tracker is stuck (start it again)",
         }
     }
 }
@@ -214,5 +214,7 @@ mod tests {
             let meaning = reason.meaning();
             assert!(meaning.contains(&word), "{reason:?}: {word}: {meaning}");
         }
+        let says_how = |reason: &DropReason| reason.meaning().ends_with(')') || reason.meaning().contains("; ");
+        DropReason::ALL.iter().for_each(|reason| assert!(says_how(reason), "{reason:?} names no way out"));
     }
 }
