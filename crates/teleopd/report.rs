@@ -170,7 +170,12 @@ impl Report {
     /// The verdict of a run without complaint.
     pub fn verdict(&self) -> String {
         let share = self.value["followed"]["share"].as_f64().unwrap_or(0.0);
-        format!("OK: followed {:.0} %, no limit broken", 100.0 * share)
+        let count = |key: &str| self.value[key]["retarget"].as_f64().unwrap_or(0.0);
+        let late = count("missed_deadlines") / (count("ticks") + count("missed_deadlines")).max(1.0);
+        // A robot whose person comes late follows, but behind: then the share alone would be half of the truth.
+        let but =
+            if late > 0.1 { format!(", but {:.0} % of the ticks were late", 100.0 * late) } else { String::new() };
+        format!("OK: followed {:.0} %, no limit broken{but}", 100.0 * share)
     }
 
     /// Returns advice if the robot followed for less than half of the time in which it should have. `None` if it
