@@ -55,11 +55,7 @@ impl Arm {
         let (left, arm) = (&model.arms[0], &model.arms[side]);
         let mut frames = Frames::default();
         model.forward(&model.t_pose(), &mut frames);
-        // An empty slot lies where the next joint does, so that no link hangs on it.
-        let mut origins = [model.hand(&frames, 0); LIMB_JOINTS + 1];
-        for slot in (0..LIMB_JOINTS).rev() {
-            origins[slot] = left.slots[slot].map_or(origins[slot + 1], |joint| frames.base_from_body[joint + 1].t);
-        }
+        let origins = model.limb_places(&frames);
         let torso_from_base = model.base_from_torso(&frames).transpose();
         let links_m = std::array::from_fn(|j| torso_from_base * (origins[j + 1] - origins[j]));
         Self::new(std::array::from_fn(|j| left.axes[j] * arm.signs[j]), arm.reference, links_m)

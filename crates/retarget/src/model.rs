@@ -42,14 +42,8 @@ impl Proportions {
         let middle = (shoulder(0) + shoulder(1)) / 2.0;
         let torso_from_base = model.base_from_torso(&frames).transpose();
         let own = |at: Vector3<f64>| torso_from_base * (at - middle);
-        let hand = own(model.hand(&frames, 0));
-        // An empty slot lies where the next joint does, so that no link hangs on it.
-        let mut next = hand;
-        let mut joints = [next; ARM_Q];
-        for slot in (0..ARM_Q).rev() {
-            next = arm.slots[slot].map_or(next, |joint| own(frames.base_from_body[joint + 1].t));
-            joints[slot] = next;
-        }
+        let places = model.limb_places(&frames).map(own);
+        let (hand, joints) = (places[ARM_Q], std::array::from_fn(|slot| places[slot]));
         let reach_m = (joints[3] - joints[1]).norm() + (hand - joints[3]).norm();
         let surface = |bodies: &[usize], center: Vector3<f64>| {
             let capsules = model.capsules.iter().filter(|capsule| bodies.contains(&capsule.body));

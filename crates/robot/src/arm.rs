@@ -218,6 +218,16 @@ impl Model {
         frames.base_from_body[self.arms[side].hand_body()].transform_point(&center)
     }
 
+    /// Origins of the left arm's limb slots and the middle of its hand, base frame, m. An empty slot has that of the next joint.
+    pub fn limb_places(&self, frames: &Frames) -> [Vector3<f64>; LIMB_JOINTS + 1] {
+        let mut places = [self.hand(frames, 0); LIMB_JOINTS + 1];
+        for slot in (0..LIMB_JOINTS).rev() {
+            let joint = self.arms[0].slots[slot];
+            places[slot] = joint.map_or(places[slot + 1], |joint| frames.base_from_body[joint + 1].t);
+        }
+        places
+    }
+
     /// Derives the arm with the joints of `arm`, whose T-pose is `reference`.
     pub(crate) fn derive_arm(&self, arm: &Arm, reference: [f64; LIMB_JOINTS]) -> Arm {
         let axes = self.axes(&Arm { reference, ..*arm });
