@@ -104,8 +104,8 @@ pub fn read(text: &str, adds: bool) -> Clip {
                 }
             }
             if let Some(parent) = joint.parent.map(|parent| poses[parent]) {
-                let way = apply(&parent.turn, place);
-                place = std::array::from_fn(|i| parent.place[i] + way[i]);
+                let offset = apply(&parent.turn, place);
+                place = std::array::from_fn(|i| parent.place[i] + offset[i]);
                 turn = times(&parent.turn, &turn);
             }
             poses.push(Pose { place, turn });

@@ -1,4 +1,4 @@
-"""Motions of a person as motions of a robot with two arms: postures, and trajectories that the robot may play.
+"""Turns the motions of a person into motions of a robot with two arms.
 
     >>> import teleopd
     >>> robot = teleopd.Robot("tiago_dual")

@@ -54,7 +54,7 @@ export class Panel {
     this.shownAt = now;
     const heard = (frame.present & PRESENT.command) !== 0, person = heard && (frame.present & PRESENT.person) !== 0;
     const figure = (id, value, unit, digits, known = heard) => this.text(id, known && value !== null ? `${value.toFixed(digits)}${unit}` : "–");
-    // Of the same status as the sentence, so that both say one number.
+    // The sentence above reads the same status, so both show the same number.
     figure("behind", this.behind, "°", 0, person);
     figure("delay", frame.delay, " ms", 0, person);
     figure("clearance", frame.clearance, " mm", 0);
