@@ -119,20 +119,8 @@ pub const OF_PROSE: [&str; 5] = [
 pub const OWN_FILES: [&str; 3] = ["rm -rf target/own", "cp docs/robots/", "mv target/own/"];
 
 /// Names of programs of ours in prose, by which a reader means the built or the installed program.
-const OURS: [&str; 12] = [
-    "teleopd",
-    "teleopctl",
-    "replay",
-    "record",
-    "latency",
-    "eval",
-    "train",
-    "collision",
-    "torture",
-    "simulate",
-    "chaos",
-    "teleop-bridge",
-];
+const OURS: &str = "\
+    teleopd teleopctl replay record latency eval train collision torture simulate chaos teleop-bridge";
 
 /// Returns the row of a command.
 fn row(command: &str) -> Option<How> {
@@ -147,7 +135,7 @@ pub fn how(command: &str) -> How {
 /// Returns true if the command runs a program of ours.
 pub fn is_ours(command: &str) -> bool {
     let first = command.split_whitespace().next().unwrap_or_default();
-    command.starts_with("cargo run ") || first.starts_with("target/release/") || OURS.contains(&first)
+    command.starts_with("cargo run ") || first.starts_with("target/release/") || OURS.split(' ').any(|own| own == first)
 }
 
 /// Returns the commands of each block of a document. Joins continued lines and removes remarks.

@@ -123,26 +123,16 @@ fn package_holds_its_files_and_its_settings_are_accepted() {
     for [_, destination, _] in assets().iter().filter(|[_, destination, _]| !destination.ends_with('/')) {
         assert!(holds(destination), "the package lacks {destination}:\n{listed}");
     }
-    for path in [
-        "usr/lib/systemd/system/teleop@.service",
-        "usr/lib/systemd/user/teleop.target",
-        "usr/share/teleopd/weights/tiago_dual.safetensors",
-        "usr/share/teleopd/weights/prediction.safetensors",
-        "usr/share/doc/teleopd/examples/driver.conf",
-        "usr/share/man/man1/teleopd.1.gz",
-        "usr/share/man/man1/teleop-replay.1.gz",
-        "usr/share/man/man1/teleop-latency.1.gz",
-        "usr/share/man/man1/teleop-record.1.gz",
-        "usr/share/man/man1/teleop-replay-say.1.gz",
-        "usr/share/man/man1/teleop-say.1.gz",
-        "usr/share/man/man1/teleop-bridge-link.1.gz",
-        "usr/share/teleopd/motions/captions.tsv",
-        "usr/share/teleopd/motions/synonyms.txt",
-        "usr/share/teleopd/motions/clap.bvh",
-        "usr/share/zsh/vendor-completions/_teleopctl",
-        "usr/share/doc/teleopd/SAFETY.md",
-        "usr/share/doc/teleopd/LICENSE-MIT",
-    ] {
+    let wanted = "usr/lib/systemd/system/teleop@.service usr/lib/systemd/user/teleop.target \
+        usr/share/teleopd/weights/tiago_dual.safetensors usr/share/teleopd/weights/prediction.safetensors \
+        usr/share/doc/teleopd/examples/driver.conf usr/share/man/man1/teleopd.1.gz \
+        usr/share/man/man1/teleop-replay.1.gz usr/share/man/man1/teleop-latency.1.gz \
+        usr/share/man/man1/teleop-record.1.gz usr/share/man/man1/teleop-replay-say.1.gz \
+        usr/share/man/man1/teleop-say.1.gz usr/share/man/man1/teleop-bridge-link.1.gz \
+        usr/share/teleopd/motions/captions.tsv usr/share/teleopd/motions/synonyms.txt \
+        usr/share/teleopd/motions/clap.bvh usr/share/zsh/vendor-completions/_teleopctl \
+        usr/share/doc/teleopd/SAFETY.md usr/share/doc/teleopd/LICENSE-MIT";
+    for path in wanted.split(' ') {
         assert!(holds(path), "the package lacks {path}:\n{listed}");
     }
 

@@ -41,19 +41,9 @@ fn only_meshes_and_textures_below_folder_are_read() {
     let inner = MeshFolder::open(&folder.path().join("robot")).unwrap();
     assert_eq!(inner.read("meshes/arm/arm_1.stl").map(|file| file.bytes).ok(), Some(5));
     assert_eq!(meshes.read("robot/meshes/arm/skin.png").map(|file| file.kind).ok(), Some("image/png"));
-    for bad in [
-        "../secret.stl",
-        "meshes/../../secret.stl",
-        "/etc/hostname",
-        "way_out.stl",
-        "meshes//arm/arm_1.stl",
-        "meshes/./arm/arm_1.stl",
-        "meshes\\arm\\arm_1.stl",
-        "meshes/notes.txt",
-        "meshes/arm",
-        "meshes/arm/none.stl",
-        "",
-    ] {
+    let bad = "../secret.stl meshes/../../secret.stl /etc/hostname way_out.stl meshes//arm/arm_1.stl \
+        meshes/./arm/arm_1.stl meshes\\arm\\arm_1.stl meshes/notes.txt meshes/arm meshes/arm/none.stl ";
+    for bad in bad.split(' ') {
         assert!(inner.read(bad).is_err(), "{bad}");
     }
     let large = File::create(folder.path().join("robot/large.stl")).unwrap();

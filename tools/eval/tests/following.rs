@@ -1,5 +1,6 @@
 //! `eval --following`: the sign of the delay, the optimum against known motions, and the command on a short motion.
 
+use crate::command::root;
 use clap::Parser;
 use eval::cli::Cli;
 use eval::following::optimum::{least_squares, optimum};
@@ -10,12 +11,7 @@ use messages::{Layout, Skeleton, Stamp, skeleton_flag};
 use retarget::{ARM_Q, ArmModel, ArmQ, Limbs, limb_error_deg, mirror, xyzw_from_rotation};
 use robot::Model;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
 use train::files::read_model;
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
 
 fn model() -> Model {
     read_model(&root().join("config/robots/tiago_dual.toml")).expect("the robot of the repository")

@@ -7,7 +7,7 @@ use retarget::{ArmModel, ArmQ, Limbs, limb_error_deg};
 use std::path::Path;
 use train::files::read_model;
 
-fn arm() -> ArmModel {
+pub fn arm() -> ArmModel {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
     ArmModel::from_model(&read_model(&file).expect("the robot file is valid"))
 }

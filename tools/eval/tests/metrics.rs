@@ -1,20 +1,14 @@
 //! Definitions of the columns, on sequences with known figures.
 
+use crate::methods::arm;
 use eval::clips::{Clip, Human};
 use eval::keyposes::shape;
 use eval::methods::Posture;
 use eval::metrics::{MethodFigures, Task, measure, near_gimbal};
 use nalgebra::UnitQuaternion;
 use retarget::{ArmModel, ArmQ};
-use std::path::Path;
-use train::files::read_model;
 
 const FRAMES: usize = 60;
-
-fn arm() -> ArmModel {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
-    ArmModel::from_model(&read_model(&file).expect("the robot file is valid"))
-}
 
 /// A smooth posture within the limits and away from the gimbal.
 fn posture(arm: &ArmModel, frame: usize, amplitude: f64) -> Posture {
