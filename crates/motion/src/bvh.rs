@@ -22,6 +22,9 @@ const NUMBER_MAX: f64 = 1e7;
 /// file claim many frames.
 const CHANNELS_MIN: usize = 18;
 
+/// Largest change of a rotation from one frame to the next, degrees. Euler angles jump by a turn, and no person turns two.
+const JUMP_DEG: f64 = 720.0;
+
 /// Shortest and longest time between two frames, s. No camera is faster than 100 kHz. A step longer than 10 s is
 /// no motion. Assumption.
 const FRAME_TIME_S: [f64; 2] = [1e-5, 10.0];
@@ -77,11 +80,11 @@ pub(crate) fn parse(name: &str, text: &[u8], named: &Named) -> Result<Motion, Bv
     }
     let joints = parse_hierarchy(&mut scan)?;
     let mapping = rig::map(&joints, named)?;
-    let (frame_rate_hz, frames) = parse_motion(&mut scan, &joints, &mapping)?;
+    let (frame_rate_hz, frames, jump) = parse_motion(&mut scan, &joints, &mapping)?;
     let canonical = Canonical::guess(&rest_pose(&joints, &mapping), &frames, frame_rate_hz, joints[0].offset)
         .map_err(|length| BvhError::NoSize { length })?;
     let mut warnings = mapping.warnings;
-    warnings.extend(canonical.warning.clone());
+    warnings.extend(canonical.warning.clone().into_iter().chain(jump));
     let guesses = canonical.guesses(warnings);
     let mut frames: Vec<Frame> = frames.iter().map(|frame| canonical.apply(frame)).collect();
     let first = is_rest(&frames).then(|| frames.remove(0));
@@ -161,7 +164,7 @@ fn open_joint(
 }
 
 fn parse_channels(scan: &mut Scan<'_>) -> Result<Vec<Channel>, BvhError> {
-    let count = scan.count("CHANNELS", 6)?;
+    let count = scan.count("CHANNELS", 0, 6)?;
     let mut channels = Vec::with_capacity(count as usize);
     for _ in 0..count {
         let word = scan.expect_word("a channel")?;
@@ -183,14 +186,14 @@ fn parse_channels(scan: &mut Scan<'_>) -> Result<Vec<Channel>, BvhError> {
     Ok(channels)
 }
 
-fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Result<(f64, Vec<RigFrame>), BvhError> {
+/// The rate, the frames, and a warning if a rotation jumps.
+type Moved = (f64, Vec<RigFrame>, Option<String>);
+
+fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Result<Moved, BvhError> {
     scan.expect("MOTION")?;
     scan.expect_label("Frames:")?;
     let line = scan.line();
-    let frames = scan.count("Frames", FRAMES_MAX as u64)?;
-    if frames < 2 {
-        return Err(BvhError::TooFewFrames { line, frames });
-    }
+    let frames = scan.count("Frames", 2, FRAMES_MAX as u64)?;
     scan.expect("Frame")?;
     scan.expect_label("Time:")?;
     let time_line = scan.line();
@@ -201,24 +204,41 @@ fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Res
         return Err(BvhError::FrameTime { line: time_line, value_s: frame_time_s, low_s, high_s });
     }
     let channels: usize = joints.iter().map(|joint| joint.channels.len()).sum();
-    let bytes = scan.rest();
+    if channels < CHANNELS_MIN {
+        return Err(BvhError::TooFewChannels { line, channels, bound: CHANNELS_MIN });
+    }
+    let begin = *scan;
     // Each number needs a digit and a space. The claim is therefore checked before memory is reserved for it.
-    if channels < CHANNELS_MIN || frames.saturating_mul(channels as u64 * 2) > bytes as u64 + 1 {
-        return Err(BvhError::FrameCount { line, claimed: frames, channels, bytes });
+    if frames.saturating_mul(channels as u64 * 2) > scan.rest() as u64 + 1 {
+        return Err(misfit(begin, frames, channels));
     }
     let needed = mapping.needed(joints);
     let mut added = vec![false; joints.len()];
     let identity = Pose { position: Vector3::zeros(), rotation: UnitQuaternion::identity() };
     let mut poses = vec![identity; joints.len()];
+    let (mut values, mut before) = (vec![0.0; channels], vec![0.0; channels]);
+    let mut jump = None;
     let mut out = Vec::with_capacity(frames as usize);
     for frame in 0..frames {
+        std::mem::swap(&mut values, &mut before);
+        for value in &mut values {
+            *value = scan.number("a number of the frame", NUMBER_MAX).map_err(|error| match error {
+                BvhError::Truncated { .. } => misfit(begin, frames, channels),
+                error => error,
+            })?;
+        }
+        if frame > 0 && jump.is_none() {
+            jump = jumped(joints, &before, &values).map(|text| format!("frame {frame}: {text}"));
+        }
+        let mut rest = values.as_slice();
         for (i, joint) in joints.iter().enumerate() {
             let parent = joint.parent.map_or(identity, |p| poses[p]);
-            let (position, rotation) = read_channels(scan, joint, needed[i])?;
+            let numbers = rest.split_off(..joint.channels.len()).unwrap_or_default();
             if !needed[i] {
                 poses[i] = parent;
                 continue;
             }
+            let (position, rotation) = local_pose(joint, numbers);
             let offset = Vector3::from(joint.offset);
             if frame == 0 {
                 // A zero position in the first frame would make a bone of no length. Such a file writes positions
@@ -233,29 +253,47 @@ fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Res
         }
         out.push(mapping.joints.map(|joint| poses[joint]));
     }
-    let line = scan.line();
     if scan.word().is_some() {
-        return Err(BvhError::Trailing { line, frames });
+        return Err(misfit(begin, frames, channels));
     }
-    Ok((1.0 / frame_time_s, out))
+    Ok((1.0 / frame_time_s, out, jump))
 }
 
-/// Reads a joint's channels of one frame: its position, if any component is written, and its rotation. The offset
-/// supplies the missing components. The numbers are only skipped if no joint needs them. A position channel
-/// replaces the offset's component, because exporters write the whole translation. Readers disagree here
-/// (`findings/bvh_positions.sh`). A later step guesses the meaning of the root's channels.
-fn read_channels(
-    scan: &mut Scan<'_>,
-    joint: &Joint,
-    needed: bool,
-) -> Result<(Option<Vector3<f64>>, UnitQuaternion<f64>), BvhError> {
+/// Returns why there are more or fewer numbers than the file claims. If frames stand on lines, it is the first line with another
+/// count. A last line with fewer was cut.
+fn misfit(mut begin: Scan<'_>, claimed: u64, channels: usize) -> BvhError {
+    let line = begin.line();
+    let lines = begin.lines();
+    let last = lines.clone().last().map_or(line, |(line, _)| line);
+    let whole = lines.clone().map(|(_, words)| words).sum::<usize>() / channels;
+    let by_line = lines.clone().any(|(_, words)| words == channels);
+    let odd = lines.clone().find(|&(line, words)| words > channels || words < channels && line < last);
+    match odd.filter(|_| by_line) {
+        Some((line, found)) => BvhError::FrameLine { line, found, channels },
+        None if whole as u64 >= claimed => BvhError::Trailing { line: last, frames: claimed },
+        None => BvhError::Cut { line: last, whole, claimed },
+    }
+}
+
+/// Returns a sentence on the first rotation that changes between two frames by more than angles do.
+fn jumped(joints: &[Joint], before: &[f64], after: &[f64]) -> Option<String> {
+    let channels = joints.iter().flat_map(|joint| joint.channels.iter().map(move |channel| (&joint.name, channel)));
+    let ((name, _), (before, after)) =
+        channels.zip(before.iter().zip(after)).find(|((_, channel), (before, after))| {
+            matches!(channel, Channel::Rotation(_)) && (*after - *before).abs() > JUMP_DEG
+        })?;
+    Some(format!("{name} turns from {before:?} to {after:?} degrees at once: is a number damaged?"))
+}
+
+/// Returns a joint's position, if any component is written, and its rotation. The offset supplies the missing
+/// components. A position channel replaces the offset's component, because exporters write the whole translation.
+/// Readers disagree here (`findings/bvh_positions.sh`). A later step guesses the meaning of the root's channels.
+fn local_pose(joint: &Joint, numbers: &[f64]) -> (Option<Vector3<f64>>, UnitQuaternion<f64>) {
     let mut position = Vector3::from(joint.offset);
     let mut rotation = UnitQuaternion::identity();
     let mut moves = false;
-    for &channel in &joint.channels {
-        let value = scan.number("a number of the frame", NUMBER_MAX)?;
+    for (&channel, &value) in joint.channels.iter().zip(numbers) {
         match channel {
-            _ if !needed => {}
             Channel::Position(axis) => (position[axis], moves) = (value, true),
             Channel::Rotation(axis) => {
                 let axis = nalgebra::Unit::new_unchecked(Vector3::ith(axis, 1.0));
@@ -263,5 +301,5 @@ fn read_channels(
             }
         }
     }
-    Ok((moves.then_some(position), rotation))
+    (moves.then_some(position), rotation)
 }

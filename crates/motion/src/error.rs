@@ -9,9 +9,11 @@ use thiserror::Error;
 pub enum MotionError {
     #[error("{file}: {source}")]
     Io { file: String, source: std::io::Error },
-    #[error("{file}: extension \"{extension}\" is unknown; motion files are .bvh, .npy, .npz and .mcap")]
+    #[error(
+        "{file}: extension \"{extension}\" is unknown; motion files are .bvh, .npy, .npz and .mcap, and `replay` plays .csv, too"
+    )]
     UnknownFormat { file: String, extension: String },
-    #[error("{file} is a folder; name one motion file in it (.bvh, .npy, .npz or .mcap)")]
+    #[error("{file} is a folder; name one motion file in it")]
     Folder { file: String },
     #[error("{file}: {bytes} bytes, at most {bound} are read; split it into parts")]
     TooLarge { file: String, bytes: u64, bound: u64 },
@@ -82,7 +84,7 @@ pub enum McapError {
 pub enum ArrayError {
     #[error("is not a .npy file (it does not begin with \\x93NUMPY and a version); numpy.save writes one")]
     NotNpy,
-    #[error("is not a .npz file: {cause}; numpy.savez writes one")]
+    #[error("is not a .npz file, or was cut: {cause}; copy it again, or write one by numpy.savez")]
     NotZip { cause: String },
     #[error("the .npy header is damaged: {cause}; save the array again, with numpy.save")]
     Header { cause: String },
@@ -111,7 +113,7 @@ pub enum ArrayError {
         /// Keys of the archive, the first 40.
         found: Vec<String>,
     },
-    #[error("has shape {found:?}, expected {expected}")]
+    #[error("has shape {found:?}, expected {expected}; save it in that one")]
     Shape { found: Vec<usize>, expected: &'static str },
     #[error(
         "has 322 columns, the parameters of Motion-X, and not positions; save columns 0 to 3 as root_orient, 3 to 66 as \
@@ -120,9 +122,9 @@ pub enum ArrayError {
     Parameters,
     #[error("has shape {shape:?}, which has no frame; save at least one")]
     Empty { shape: Vec<usize> },
-    #[error("frame {frame}, number {column}: {value} is not within +-{bound}; cut this frame out, or repair it")]
+    #[error("frame {frame}, number {column}: {value:?} is not within +-{bound}; cut this frame out, or repair it")]
     Number { frame: usize, column: usize, value: f64, bound: f64 },
-    #[error("frame rate {value} Hz is not within [{low}, {high}]; give the true one: --frame-rate HZ")]
+    #[error("frame rate {value:?} Hz is not within [{low}, {high}]; give the true one: --frame-rate HZ")]
     FrameRate { value: f64, low: f64, high: f64 },
     #[error("legs and spine have no length ({length} m); the first 22 joints must be those of SMPL, in its order")]
     NoSize { length: f64 },
@@ -159,26 +161,33 @@ pub enum BvhError {
     Empty,
     #[error("line {line}: the file ends, expected {expected}: it was cut; copy or export it again")]
     Truncated { line: usize, expected: &'static str },
-    #[error("line {line}: \"{found}\", expected {expected}")]
+    #[error("line {line}: \"{found}\", expected {expected}; the file is damaged, or no BVH: export it again, as BVH")]
     Unexpected { line: usize, found: String, expected: &'static str },
     #[error("line {line}: \"{found}\" is not a number ({what}); write one there")]
     NotANumber { line: usize, found: String, what: &'static str },
-    #[error("line {line}: {what} {value} is not within +-{bound}; repair it, or export again")]
+    #[error("line {line}: {what} {value:?} is not within +-{bound}; repair it, or export again")]
     OutOfRange { line: usize, what: &'static str, value: f64, bound: f64 },
     #[error(
-        "line {line}: Frame Time: {value_s} is outside [{low_s}, {high_s}] s; write the seconds from one frame to the \
+        "line {line}: Frame Time: {value_s:?} is outside [{low_s}, {high_s}] s; write the seconds from one frame to the \
          next, such as 0.0333333 for 30 frames a second"
     )]
     FrameTime { line: usize, value_s: f64, low_s: f64, high_s: f64 },
     #[error("line {line}: {what}: {value}, at most {bound}; export fewer")]
     TooMany { line: usize, what: &'static str, value: u64, bound: u64 },
+    #[error("line {line}: {what}: \"{found}\" is not a whole number from {low} to {high}; correct it, or export again")]
+    NotACount { line: usize, what: &'static str, found: String, low: u64, high: u64 },
     #[error(
-        "line {line}: {claimed} frames of {channels} numbers (at least 18) do not fit in the remaining {bytes} bytes; correct \
-         the count, or export again"
+        "line {line}: a frame has {channels} numbers, and a moving root with four limbs at least {bound}; export the joints with \
+         their rotations"
     )]
-    FrameCount { line: usize, claimed: u64, channels: usize, bytes: usize },
-    #[error("line {line}: {frames} frame(s); at least 2 are needed, because the first is a pose, not motion")]
-    TooFewFrames { line: usize, frames: u64 },
+    TooFewChannels { line: usize, channels: usize, bound: usize },
+    #[error("line {line} has {found} numbers, and a frame {channels}; correct the line, or export again")]
+    FrameLine { line: usize, found: usize, channels: usize },
+    #[error(
+        "line {line}: the file ends after {whole} of {claimed} frames: it was cut; copy or export it again, or correct the count \
+         behind Frames:"
+    )]
+    Cut { line: usize, whole: usize, claimed: u64 },
     #[error("line {line}: more numbers than the {frames} frames of the header; correct the count behind Frames:")]
     Trailing { line: usize, frames: u64 },
     #[error("the map gives {joint} the name {name:?}, which no joint has; give one of {}", .found.join(", "))]
@@ -190,8 +199,8 @@ pub enum BvhError {
         found: Vec<String>,
     },
     #[error(
-        "the rig has no joint for {}; it has {}; name them in a file for --map, such as {} = \"{}\"",
-        sought(.missing), .found.join(", "), .missing.first().unwrap_or(&"left_elbow"), .found.last().map_or("", String::as_str)
+        "the rig has no joint for {}; it has {}; name those that are meant in a file for --map, such as {} = \"NAME\"",
+        sought(.missing), .found.join(", "), .missing.first().unwrap_or(&"left_elbow")
     )]
     MissingJoints {
         /// SMPL-22 names.

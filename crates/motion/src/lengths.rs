@@ -1,6 +1,6 @@
 //! Bones that change their length: estimates of networks, and joints that move. Directions move the robot, lengths do not.
 
-use crate::Frame;
+use crate::{Frame, Motion};
 use messages::{SMPL_JOINTS, SMPL_NAMES, SMPL_PARENT, Smpl};
 use nalgebra::Vector3;
 
@@ -18,6 +18,29 @@ const ENDS: [Smpl; 8] = [
 
 /// Change of a bone's length up to which it counts as constant: a fifth of what `ingest` refuses.
 const CONSTANT: f32 = 0.01;
+
+/// Largest distance of a joint from the pelvis, statures: twice that of a raised hand. Assumption.
+const REACH: f64 = 1.5;
+/// Largest step of the pelvis between two frames, m, and its largest speed, m/s. Assumptions: twice a sprinter's, or a jump of the
+/// tracker.
+const STEP_M: f64 = 2.0;
+const SPEED_M_PER_S: f64 = 25.0;
+
+/// Returns a question about the first joint that is where no person's is. `first` is the file's number of the first frame.
+pub(crate) fn doubt_of_place(motion: &Motion, first: usize) -> Option<String> {
+    let apart = |a: [f32; 3], b: [f32; 3]| f64::from((Vector3::from(a) - Vector3::from(b)).norm());
+    let step_m = STEP_M.max(SPEED_M_PER_S / motion.frame_rate_hz);
+    motion.frames.iter().enumerate().find_map(|(n, Frame { positions, .. })| {
+        let moved = apart(positions[0], motion.frames[n.saturating_sub(1)].positions[0]);
+        let out = (1..SMPL_JOINTS).map(|joint| (joint, apart(positions[joint], positions[0])));
+        let place = match out.into_iter().find(|(_, reach)| *reach > REACH * motion.guesses.stature_m) {
+            _ if moved > step_m => format!("the pelvis moves by {moved:.1} m"),
+            Some((joint, reach)) => format!("{} is {reach:.1} m from the pelvis", SMPL_NAMES[joint]),
+            None => return None,
+        };
+        Some(format!("frame {}: {place}: is a number damaged?", n + first))
+    })
+}
 
 /// Gives every bone of arms and legs its median length m, if one of them changes by more than 1 %:
 ///

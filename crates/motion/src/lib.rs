@@ -202,6 +202,7 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
     if resampled > bound {
         return Err(MotionError::TooLong { file: file(), frames, rate_hz, resampled, bound });
     }
+    motion.guesses.warnings.extend(lengths::doubt_of_place(&motion, has_first.into()));
     motion.guesses.warnings.extend(lengths::even(&mut motion.frames));
     if let Some(begins) = motion.stands_from().filter(|&begins| begins > 0) {
         let number = begins + usize::from(has_first);

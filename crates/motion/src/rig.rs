@@ -33,20 +33,8 @@ const SIDED: [(Smpl, Smpl, &[&str]); 8] = [
 ];
 /// Prefixes that exporters put before every name, in lower case. Digits and separators that follow belong to the
 /// prefix.
-const PREFIXES: [&str; 12] = [
-    "valvebiped.bip",
-    "cc_base_",
-    "mixamorig",
-    "j_bip_c_",
-    "j_bip_",
-    "j_sec_",
-    "m_avg_",
-    "f_avg_",
-    "bip0",
-    "def-",
-    "org-",
-    "def_",
-];
+const PREFIXES: &str = "\
+    valvebiped.bip cc_base_ mixamorig j_bip_c_ j_bip_ j_sec_ m_avg_ f_avg_ bip0 def- org- def_";
 /// Share of a rig's names that have the same beginning. A root may lack it.
 const SHARED_PERCENT: usize = 85;
 const PELVIS: [&str; 3] = ["hips", "hip", "pelvis"];
@@ -274,7 +262,7 @@ impl Name {
         // Drops a namespace such as "mixamorig:" in "mixamorig:LeftArm", or "Character1:" in "Character1:Hips".
         let name = name.rsplit(':').next().unwrap_or(name).trim();
         let lower = name.to_ascii_lowercase();
-        let rest = PREFIXES.iter().find_map(|prefix| lower.strip_prefix(prefix)).unwrap_or(&lower);
+        let rest = PREFIXES.split(' ').find_map(|prefix| lower.strip_prefix(prefix)).unwrap_or(&lower);
         let rest = if rest.len() == lower.len() { rest } else { rest.trim_start_matches(|c: char| !c.is_alphabetic()) };
         let words = words(&name[name.len() - rest.len()..]);
         // "Head_M" is in the middle.

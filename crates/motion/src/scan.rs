@@ -3,6 +3,7 @@
 use crate::error::BvhError;
 
 /// Iterates over the words of a file.
+#[derive(Clone, Copy)]
 pub(crate) struct Scan<'a> {
     text: &'a [u8],
     at: usize,
@@ -86,8 +87,19 @@ impl<'a> Scan<'a> {
         Err(self.unexpected(found, label))
     }
 
+    /// Returns the error for this word, the last one read. A file may have been cut within its last word.
     pub(crate) fn unexpected(&self, found: &[u8], expected: &'static str) -> BvhError {
+        if self.rest() == 0 && self.line > 1 {
+            return BvhError::Truncated { line: self.line, expected };
+        }
         BvhError::Unexpected { line: self.line, found: excerpt(found), expected }
+    }
+
+    /// Numbers of the lines that follow and their counts of words. Lines without words are left out.
+    pub(crate) fn lines(self) -> impl Iterator<Item = (usize, usize)> + Clone {
+        let words = |line: &[u8]| line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).count();
+        let lines = self.text[self.at..].split(|&byte| byte == b'\n').enumerate();
+        lines.map(move |(n, line)| (self.line + n, words(line))).filter(|&(_, words)| words > 0)
     }
 
     /// Returns the next word as a number, which may be infinite or NaN.
@@ -109,14 +121,14 @@ impl<'a> Scan<'a> {
         }
     }
 
-    /// Returns the next word as a whole number of at most `bound`.
-    pub(crate) fn count(&mut self, what: &'static str, bound: u64) -> Result<u64, BvhError> {
+    /// Returns the next word as a whole number from `low` to `high`.
+    pub(crate) fn count(&mut self, what: &'static str, low: u64, high: u64) -> Result<u64, BvhError> {
         let word = self.expect_word(what)?;
-        let value = std::str::from_utf8(word).ok().and_then(|text| text.parse::<u64>().ok());
-        let Some(value) = value else {
-            return Err(BvhError::NotANumber { line: self.line, found: excerpt(word), what });
-        };
-        if value > bound { Err(BvhError::TooMany { line: self.line, what, value, bound }) } else { Ok(value) }
+        let value = std::str::from_utf8(word).ok().and_then(|text| text.parse().ok());
+        value.filter(|value| (low..=high).contains(value)).ok_or_else(|| {
+            let found = excerpt(word);
+            BvhError::NotACount { line: self.line, what, found, low, high }
+        })
     }
 }
 

@@ -305,20 +305,6 @@ fn amass_file_gives_rotations_of_its_source_motion() {
 }
 
 #[test]
-fn frame_rate_option_is_used_within_its_bounds() {
-    let folder = folder();
-    let motion = short();
-    let path = folder.path().join("clip.npy");
-    write_npy(&path, &[motion.frames.len(), 22, 3], &positions_y_up(&motion), Kind::F32);
-    let rate = |hz| LoadOptions { frame_rate_hz: Some(hz), ..LoadOptions::default() };
-    assert_eq!(load_with(&path, &rate(30.0)).expect("read").frame_rate_hz, 30.0);
-    for bad in [0.0, -1.0, f64::NAN, 1e9] {
-        let error = load_with(&path, &rate(bad)).expect_err("no rate").to_string();
-        assert!(error.contains("is not within [0.01, 100000]"), "{error}");
-    }
-}
-
-#[test]
 fn f104_damaged_array_error_names_file_and_cause() {
     let folder = folder();
     let good = npy_bytes("<f4", false, "(2, 22, 3)", &[0; 528]);
@@ -365,7 +351,7 @@ fn f096_f104_damaged_archive_error_names_file_and_cause() {
     let cases: Vec<(&str, Entries, &str)> = vec![
         ("shape", vec![("betas", &rate)], "has no poses, or root_orient and pose_body; its keys are betas"),
         ("rateless", vec![("poses", &poses)], "has no mocap_framerate, mocap_frame_rate or fps (--frame-rate HZ"),
-        ("slow", vec![("poses", &poses), ("mocap_framerate", &slow)], "frame rate 0 Hz"),
+        ("slow", vec![("poses", &poses), ("mocap_framerate", &slow)], "frame rate 0.0 Hz"),
         ("text", vec![("poses", &poses), ("mocap_framerate", &text)], "mocap_framerate: numbers of type <U4"),
         ("narrow", vec![("poses", &narrow), ("mocap_framerate", &rate)], "poses: has shape [2, 60]"),
         ("bomb", vec![("poses", &bomb)], "poses: shape [33554433, 1] has more than"),

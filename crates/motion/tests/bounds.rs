@@ -87,7 +87,7 @@ fn f096_f104_motion_file_uses_at_most_512_mb() {
     for (name, count) in [("most.bvh", n), ("more.bvh", n + 1)] {
         let head = format!("{head}Frames: {count}\nFrame Time: 0.01\n");
         repeated(&path(name), head.as_bytes(), line.as_bytes(), count);
-        let expected = if count == n { format!("{} frames", n - 1) } else { format!("Frames: {count}, at most {n}") };
+        let expected = if count == n { format!("{} frames", n - 1) } else { format!("from 2 to {n}") };
         attempt(&path(name), &expected);
     }
 }

@@ -40,10 +40,39 @@ fn rate_that_moves_nobody_so_is_asked_for_and_endless_motion_is_refused() {
     let rate = |hz| LoadOptions { frame_rate_hz: Some(hz), ..LoadOptions::default() };
     for (hz, asks) in [(20.0, false), (400.0, true), (1.0, true)] {
         let read = load_with(&path, &rate(hz)).expect("a motion");
+        assert_eq!(read.frame_rate_hz, hz);
         let asked = read.guesses.warnings.iter().any(|warning| warning.contains("the fastest wrist moves at"));
         assert_eq!(asked, asks, "{hz} Hz: {:?}", read.guesses.warnings);
+    }
+    for bad in [0.0, -1.0, f64::NAN, 1e9] {
+        let error = load_with(&path, &rate(bad)).expect_err("no rate").to_string();
+        assert!(error.contains("is not within [0.01, 100000]"), "{error}");
     }
     // A minute of frames at 0.02 Hz lasts a week.
     let error = load_with(&path, &rate(0.02)).expect_err("too long").to_string();
     assert!(error.contains("at 0.02 Hz become") && error.contains("at most 120000; give the true rate"), "{error}");
+}
+
+#[test]
+fn number_that_no_person_has_is_named_with_its_frame_and_joint() {
+    let folder = folder();
+    let path = folder.path().join("clip.bvh");
+    let motion = short();
+    let text = motion::write_bvh(&motion);
+    let frames = text.lines().count() - motion.frames.len();
+    let with = |frame: usize, column: usize, value: &str| {
+        let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+        let mut numbers: Vec<&str> = text.lines().nth(frames + frame).expect("a line").split(' ').collect();
+        numbers[column] = value;
+        lines[frames + frame] = numbers.join(" ");
+        std::fs::write(&path, lines.join("\n")).expect("written");
+        load(&path).expect("a motion").guesses.warnings.join("; ")
+    };
+    assert!(!with(5, 0, "0").contains("damaged"));
+    // A pose stands before the frames. Each joint has three numbers for its place and three for its rotation.
+    let (hip, leg) = ("frame 6: left_hip is 1000.0 m from the pelvis", "frame 6: LeftUpLeg turns from ");
+    for (column, warning) in [(0, "frame 6: the pelvis moves by 1000.0 m"), (6, hip), (9, leg)] {
+        let found = with(5, column, "99999");
+        assert!(found.contains(warning) && found.contains(": is a number damaged?"), "{found}");
+    }
 }
