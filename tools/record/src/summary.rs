@@ -1,6 +1,7 @@
 //! Summarises a recording: length, topics, modes, and problems.
 
 use crate::error::RecordError;
+use crate::pauses::Pause;
 use crate::read::{Content, Recorded};
 use crate::topic::Topic;
 use crate::trace::Trace;
@@ -21,6 +22,8 @@ pub struct Summary {
     pub modes_s: BTreeMap<u32, f64>,
     pub sentences: Vec<(f64, String)>,
     unsaid: usize,
+    /// Number, sum and longest one of the pauses of each subject, with its begin, s.
+    pauses: BTreeMap<&'static str, (u64, u64, f64, Pause)>,
     about: BTreeMap<String, String>,
     outcome: BTreeMap<String, String>,
     broken_off: Option<String>,
@@ -54,13 +57,13 @@ impl Summary {
                 _ => None,
             };
             if let Some(pause) = pause {
-                summary.sentence(at_s - pause.length_s(), pause.text());
+                summary.pause(at_s, pause);
             }
             match &content {
                 Content::Command(command) => summary.trace.command(command),
                 Content::Status(status) => {
                     for sentence in sentences(before.as_ref().map(|(_, before)| before), status, names) {
-                        summary.sentence(at_s, sentence.text);
+                        summary.sentence(at_s, sentence.text, SENTENCES_MAX);
                     }
                     if let Some((before_ns, before)) = &before {
                         let lasted_s = at_ns.saturating_sub(*before_ns) as f64 * 1e-9;
@@ -72,17 +75,35 @@ impl Summary {
             }
         }
         if let Some(pause) = summary.trace.finish() {
-            summary.sentence(summary.duration_s() - pause.length_s(), pause.text());
+            summary.pause(summary.duration_s(), pause);
         }
+        summary.sum_pauses();
         summary.about = recorded.about().clone();
         summary.outcome = recorded.outcome().clone();
         summary.broken_off = recorded.broken_off();
         Ok(summary)
     }
 
-    /// Adds a sentence after those of earlier times.
-    fn sentence(&mut self, at_s: f64, text: String) {
-        if self.sentences.len() < SENTENCES_MAX {
+    /// Adds a pause that ended at `end_s`. A busy machine pauses hundreds of times, so each subject has one sentence.
+    fn pause(&mut self, end_s: f64, pause: Pause) {
+        let begin_s = end_s - pause.length_s();
+        let (count, sum_ns, at_s, longest) = self.pauses.entry(pause.subject).or_insert((0, 0, begin_s, pause));
+        (*count, *sum_ns) = (*count + 1, *sum_ns + pause.length_ns);
+        if pause.length_ns > longest.length_ns {
+            (*at_s, *longest) = (begin_s, pause);
+        }
+    }
+
+    fn sum_pauses(&mut self) {
+        for (count, sum_ns, at_s, longest) in std::mem::take(&mut self.pauses).into_values() {
+            let sum = format!(", the longest of {count} pauses, {:.0} ms in all", sum_ns as f64 * 1e-6);
+            self.sentence(at_s, longest.text() + if count > 1 { &sum } else { "" }, usize::MAX);
+        }
+    }
+
+    /// Adds a sentence after those of earlier times, unless there are `most`.
+    fn sentence(&mut self, at_s: f64, text: String, most: usize) {
+        if self.sentences.len() < most {
             let place = self.sentences.partition_point(|(earlier_s, _)| *earlier_s <= at_s);
             self.sentences.insert(place, (at_s, text));
         } else {
@@ -131,5 +152,22 @@ impl Summary {
             let _ = writeln!(out, "  and {} more sentences, in the file under {}", self.unsaid, Topic::Log.name());
         }
         out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hundreds_of_pauses_have_one_sentence_for_each_subject() {
+        let mut summary = Summary::default();
+        for (n, subject) in ["control", "driver"].into_iter().cycle().take(190).enumerate() {
+            summary.pause(n as f64, Pause { subject, length_ns: 10_000_000 + n as u64 % 100 * 1_000_000 });
+        }
+        summary.sum_pauses();
+        let found: Vec<_> = summary.sentences.iter().map(|(at_s, text)| format!("{at_s:.3} s {text}")).collect();
+        assert_eq!(found[0], "97.892 s control for 108 ms, the longest of 95 pauses, 5380 ms in all");
+        assert!(found.len() == 2 && found[1].contains(" s driver for 109 ms, the longest of 95"), "{found:?}");
     }
 }
