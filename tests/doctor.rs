@@ -202,11 +202,11 @@ fn settings_copied_alone_are_refused_by_key_and_path() {
         let mut check = Command::new(env!("CARGO_BIN_EXE_teleopd"));
         assert_ends(check.arg("check").arg("--config").arg(&config), EX_CONFIG, parts);
     };
-    refused(&["robots/tiago_dual.toml: No such file", "robot.file in ", "mine.toml", "relative to the settings file"]);
+    refused(&["tiago_dual.toml: there is no such file", "robot.file in ", "mine.toml", "relative to that file"]);
     let robots = format!("\"{}/config/robots/", harness::repository().display());
     let text = std::fs::read_to_string(&config).expect("settings").replace("\"robots/", &robots);
     std::fs::write(&config, text).expect("settings");
-    refused(&["weights.file in ", "tiago_dual.toml: No such file"]);
+    refused(&["weights.file in ", "tiago_dual.toml: there is no such file"]);
 }
 
 #[test]

@@ -9,7 +9,7 @@ use layouts::{Layouts, Lifter, Map};
 use messages::{FNV_BASIS, fnv};
 use retarget::Method;
 use robot::Model;
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 /// Largest text file that is read. The bound comes from `robot`, which allows a URDF of 5 MB. The others are smaller.
@@ -241,7 +241,7 @@ fn named(error: ConfigError, file: &Path, config: &Path, key: &str) -> ConfigErr
     match error {
         ConfigError::Read { file: unread, cause } if Path::new(&unread) == file => {
             let config = config.display();
-            let cause = format!("{cause} ({key} in {config} names it; such a path is relative to the settings file)");
+            let cause = format!("{cause} ({key} in {config} names it; such a path is relative to that file)");
             ConfigError::Read { file: unread, cause }
         }
         other => other,
@@ -256,9 +256,9 @@ const POSTURES_TRIED: u64 = 500;
 pub fn load_model(robot_file: &Path) -> Result<(Model, PathBuf), ConfigError> {
     let toml_text = read_text(robot_file)?;
     let toml_name = robot_file.display().to_string();
-    let named = robot::urdf_file(&toml_name, &toml_text).map_err(ConfigError::robot)?;
-    let urdf_path = robot_file.parent().unwrap_or(Path::new(".")).join(named);
-    let urdf_text = read_text(&urdf_path)?;
+    let urdf = robot::urdf_file(&toml_name, &toml_text).map_err(ConfigError::robot)?;
+    let urdf_path = robot_file.parent().unwrap_or(Path::new(".")).join(urdf);
+    let urdf_text = read_text(&urdf_path).map_err(|error| named(error, &urdf_path, robot_file, "urdf"))?;
     let urdf_name = urdf_path.display().to_string();
     let model = Model::from_text(&toml_name, &toml_text, &urdf_name, &urdf_text).map_err(ConfigError::robot)?;
     model.check_fit().map_err(ConfigError::robot)?;
@@ -328,7 +328,13 @@ pub fn read_text(path: &Path) -> Result<String, ConfigError> {
 
 fn read_bytes(path: &Path, most: u64) -> Result<Vec<u8>, ConfigError> {
     let refuse = |cause: String| ConfigError::Read { file: path.display().to_string(), cause };
-    let failed = |error: std::io::Error| refuse(error.to_string());
+    let failed = |error: std::io::Error| {
+        refuse(match error.kind() {
+            ErrorKind::NotFound => "there is no such file; check the path".into(),
+            ErrorKind::PermissionDenied => "permission denied; run this as the user who may read it".into(),
+            _ => error.to_string(),
+        })
+    };
     // Checked before opening: opening a pipe would wait for its writer.
     if !std::fs::metadata(path).map_err(failed)?.is_file() {
         return Err(refuse("is not a regular file".into()));

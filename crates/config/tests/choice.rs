@@ -3,7 +3,7 @@
 use config::{ConfigError, Loaded, Overrides, RobotChoice, load, load_robot};
 use std::path::{Path, PathBuf};
 
-fn repository() -> PathBuf {
+pub fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
@@ -111,7 +111,7 @@ fn unknown_robot_is_refused_with_names_of_the_others() {
     assert!(!refused.contains("look"), "{refused}");
     // A value with a slash is a file, which is not searched.
     let refused = folder.load("./nobody").expect_err("there is none").to_string();
-    assert!(refused.contains("nobody") && refused.contains("No such file"), "{refused}");
+    assert!(refused.contains("nobody") && refused.contains("no such file"), "{refused}");
     assert!(!refused.contains("it has"), "{refused}");
 }
 

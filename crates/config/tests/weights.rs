@@ -1,12 +1,8 @@
 //! Invalid files that the settings name: weights that change while they are in use, and a prediction that is missing or
 //! broken.
 
+use crate::choice::repository;
 use config::{Overrides, load, load_weights};
-use std::path::{Path, PathBuf};
-
-fn repository() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
 
 #[test]
 fn f095_loaded_weights_stay_unchanged_when_file_changes() {
@@ -50,7 +46,7 @@ fn missing_or_broken_prediction_is_refused_by_name() {
     let none = loaded("").expect("loads");
     assert!(none.prediction.is_none());
     let error = loaded("mine").expect_err("there is no such file");
-    for part in ["mine.toml", "No such file", "retarget.prediction in ", "teleop.toml"] {
+    for part in ["mine.toml", "no such file", "retarget.prediction in ", "teleop.toml"] {
         assert!(error.contains(part), "{part}: {error}");
     }
     for extension in ["safetensors", "toml"] {
