@@ -86,6 +86,9 @@ const RATE_RESAMPLED_HZ: f64 = 60.0;
 /// A rate counts as constant if no step of time differs from the mean by more than this share. Five decimals of
 /// a second at 240 Hz are 0.2 %.
 const STEP_TOLERANCE: f64 = 0.01;
+/// Length of the list of columns in an error, characters.
+const COLUMNS_SHOWN: usize = 300;
+const WRITES: &str = "`replay keyposes interpolate` writes such a file";
 /// An excess over the joint limits below this is rounding, rad.
 const LIMIT_TOLERANCE_RAD: f64 = 1e-3;
 
@@ -106,27 +109,36 @@ type Row = (f64, [ArmQ; ARMS]);
 fn parse_csv(text: &str, model: &Model) -> Result<Trajectory, (usize, String)> {
     let names = joint_names(model);
     let mut lines = text.lines().enumerate().map(|(i, line)| (i + 1, line)).filter(|(_, line)| !line.trim().is_empty());
-    let (line, header) = lines.next().ok_or((1, "is empty".to_owned()))?;
+    let (line, header) = lines.next().ok_or((1, format!("is empty; {WRITES}")))?;
     let header: Vec<&str> = header.trim_start_matches('\u{feff}').split(',').map(str::trim).collect();
     let column = |name: &str| header.iter().position(|&column| column == name);
-    let time = column("time_s").or(column("t_s")).ok_or((line, "has no column time_s".to_owned()))?;
+    let lacks = |name: &str| {
+        let columns: String = header.join(", ").chars().take(COLUMNS_SHOWN).collect();
+        (
+            line,
+            format!(
+                "has no column {name}, but {columns}; a trajectory has time_s and the joints of both arms, with commas; {WRITES}"
+            ),
+        )
+    };
+    let time = column("time_s").or(column("t_s")).ok_or_else(|| lacks("time_s or t_s"))?;
     let mut columns = [[None; ARM_Q]; ARMS];
     for (name, column_of) in
         names.iter().flatten().zip(columns.iter_mut().flatten()).filter(|(name, _)| !name.is_empty())
     {
-        *column_of = Some(column(name).ok_or((line, format!("has no column {name}")))?);
+        *column_of = Some(column(name).ok_or_else(|| lacks(name))?);
     }
     let mut rows: Vec<Row> = Vec::new();
     for (line, text) in lines {
         let row = parse_row(text, time, &columns, header.len()).map_err(|reason| (line, reason))?;
         check_row(&row, rows.last(), model).map_err(|reason| (line, reason))?;
         if rows.len() >= ROWS_MAX {
-            return Err((line, format!("more than {ROWS_MAX} rows")));
+            return Err((line, format!("more than {ROWS_MAX} rows; split the file")));
         }
         rows.push(row);
     }
     let (Some(first), Some(last), true) = (rows.first(), rows.last(), rows.len() >= 2) else {
-        return Err((line, format!("has {} rows, at least 2 are needed", rows.len())));
+        return Err((line, format!("has {} rows, at least 2 are needed; {WRITES}", rows.len())));
     };
     let mean_s = (last.0 - first.0) / (rows.len() - 1) as f64;
     let constant = rows.windows(2).all(|w| ((w[1].0 - w[0].0) / mean_s - 1.0).abs() <= STEP_TOLERANCE);
@@ -139,7 +151,7 @@ fn parse_csv(text: &str, model: &Model) -> Result<Trajectory, (usize, String)> {
     let count = ((last.0 - first.0) * RATE_RESAMPLED_HZ).floor();
     if !(1.0..=ROWS_MAX as f64).contains(&count) {
         let lasts = last.0 - first.0;
-        return Err((line, format!("lasts {lasts} s, which is {count} frames of 60 Hz; 1 to {ROWS_MAX} are played")));
+        return Err((line, format!("lasts {lasts:?} s, but 0.02 to {} are played; correct the times", ROWS_MAX / 60)));
     }
     let q = (0..=count as usize).map(|i| at(&rows, first.0 + i as f64 / RATE_RESAMPLED_HZ)).collect();
     Ok(Trajectory { joint_names: names, rate_hz: RATE_RESAMPLED_HZ, q })
@@ -148,11 +160,14 @@ fn parse_csv(text: &str, model: &Model) -> Result<Trajectory, (usize, String)> {
 fn parse_row(text: &str, time: usize, columns: &[[Option<usize>; ARM_Q]; ARMS], width: usize) -> Result<Row, String> {
     let cells: Vec<&str> = text.split(',').map(str::trim).collect();
     if cells.len() != width {
-        return Err(format!("has {} columns, the header {width}", cells.len()));
+        return Err(format!(
+            "has {} columns, the header {width}; correct the line, or write the file again",
+            cells.len()
+        ));
     }
     let number = |column: usize| {
         let value = cells[column].parse::<f64>().ok().filter(|x| x.is_finite());
-        value.ok_or_else(|| format!("column {}: {:?} is not a number", column + 1, cells[column]))
+        value.ok_or_else(|| format!("column {}: {:?} is not a number; write one there", column + 1, cells[column]))
     };
     let mut q = [[0.0; ARM_Q]; ARMS];
     for (q, column) in q.iter_mut().flatten().zip(columns.iter().flatten()) {
@@ -163,13 +178,16 @@ fn parse_row(text: &str, time: usize, columns: &[[Option<usize>; ARM_Q]; ARMS], 
 
 fn check_row((time_s, q): &Row, before: Option<&Row>, model: &Model) -> Result<(), String> {
     if let Some((earlier, _)) = before.filter(|(earlier, _)| time_s <= earlier) {
-        return Err(format!("time_s {time_s} is not after {earlier}"));
+        return Err(format!("time {time_s:?} s is not after {earlier:?} s; put the rows in order"));
     }
     for (q, arm) in q.iter().zip(&model.arms) {
         for (q, joint) in q.iter().zip(arm.slots).filter_map(|(q, slot)| Some((q, slot?))) {
             let (low, high) = (model.limits[joint].q_min, model.limits[joint].q_max);
             if !(low - LIMIT_TOLERANCE_RAD..=high + LIMIT_TOLERANCE_RAD).contains(q) {
-                return Err(format!("{} = {q} is outside [{low}, {high}]", model.joint_names[joint]));
+                let name = &model.joint_names[joint];
+                return Err(format!(
+                    "{name} = {q:?} rad is outside [{low:.4}, {high:.4}] rad; move it inside, or convert degrees"
+                ));
             }
         }
     }

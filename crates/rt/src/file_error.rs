@@ -32,10 +32,9 @@ pub fn unwritable(path: &Path, error: &Error) -> String {
 /// Returns the reason why `path` cannot be read, and the remedy.
 pub fn unreadable(path: &Path, error: &Error) -> String {
     let name = path.display();
-    if error.raw_os_error().is_none() {
-        return format!("{name}: {error}");
-    }
     match error.kind() {
+        ErrorKind::InvalidData => format!("{name} is no text in UTF-8. Save it as such, or give another file"),
+        _ if error.raw_os_error().is_none() => format!("{name}: {error}"),
         ErrorKind::NotFound => {
             format!("{name}: there is no such file. Check the path; it is relative to the current folder")
         }

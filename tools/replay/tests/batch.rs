@@ -13,16 +13,16 @@ use std::path::{Path, PathBuf};
 /// TIAGo++: the number of its joints. No more columns are written.
 const JOINTS: usize = 17;
 
-fn repository() -> PathBuf {
+pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
 fn robot() -> PathBuf {
-    repository().join("config/robots/tiago_dual.toml")
+    root().join("config/robots/tiago_dual.toml")
 }
 
 fn weights() -> PathBuf {
-    repository().join("weights/tiago_dual")
+    root().join("weights/tiago_dual")
 }
 
 /// Some frames of the built-in motion.
@@ -101,7 +101,7 @@ fn safe_batch_keeps_every_speed_limit_that_its_postures_break() {
     fast.frames = fast.frames.into_iter().step_by(4).collect();
     motion::save_bvh(&fast, &input.join("a.bvh")).expect("saved");
     let (model, _) = config::load_model(&robot()).expect("the robot");
-    let settings = repository().join("config/teleop.toml");
+    let settings = root().join("config/teleop.toml");
     let safe = ["--safe", "--config", settings.to_str().expect("text")];
     let fastest = |more: &[&str]| {
         assert_eq!(go(&input, &out, &[more, &["--overwrite", "--calibration", "none"]].concat()).made, 1);
@@ -273,7 +273,7 @@ fn broken_input_is_reported_and_other_files_are_converted() {
 
     let binary = |more: &[&str]| {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_replay"));
-        command.arg("batch").current_dir(repository()).arg("--input").arg(&input).arg("--out").arg(&out).args(more);
+        command.arg("batch").current_dir(root()).arg("--input").arg(&input).arg("--out").arg(&out).args(more);
         command.output().expect("it runs")
     };
     let output = binary(&["--recursive"]);

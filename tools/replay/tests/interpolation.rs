@@ -1,6 +1,7 @@
 //! Interpolation: it goes through the poses, is monotone between them and playable, and errors name bad input.
 #![expect(clippy::needless_range_loop, reason = "sides, joints and rows are clearer by their indices")]
 
+use crate::batch::root;
 use motion::{CalibrationMode, LoadOptions, calibrate, limbs};
 use poses::pose::read_pose;
 use poses::trajectory::{Trajectory, read_csv, to_motion};
@@ -8,12 +9,7 @@ use replay::keyposes::interpolate::{Options, Space, interpolate};
 use replay::keyposes::write::{compact_bvh, trajectory_csv};
 use retarget::{ArmModel, Limbs, Network, PRIOR_WEIGHT, features, limb_error_deg, refine};
 use robot::Model;
-use std::path::{Path, PathBuf};
 use std::process::Command;
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
 
 fn robot() -> (Model, Network) {
     let model = config::load_model(&root().join("config/robots/tiago_dual.toml")).expect("the shipped robot").0;
@@ -117,14 +113,14 @@ fn csv_is_resampled_to_60_hz_and_bad_csv_is_refused_by_line() {
     let lines: Vec<&str> = text.lines().collect();
     let name = &trajectory.joint_names[0][3];
     for (bad, expected) in [
-        (String::new(), "t.csv:1: is empty"),
-        (text.replace("time_s", "time"), "has no column time_s"),
-        (text.replace(name.as_str(), "elbow"), "has no column arm_left_4_joint"),
+        (String::new(), "t.csv:1: is empty; `replay keyposes interpolate` writes"),
+        (text.replace("time_s", "time"), "has no column time_s or t_s, but time, arm_left_1_joint, "),
+        (text.replace(name.as_str(), "elbow"), "has no column arm_left_4_joint, but time_s, "),
         (lines[..2].join("\n"), "has 1 rows, at least 2 are needed"),
-        ([lines[0], lines[1], lines[1]].join("\n"), "t.csv:3: time_s 0 is not after 0"),
+        ([lines[0], lines[1], lines[1]].join("\n"), "t.csv:3: time 0.0 s is not after 0.0 s; put"),
         ([lines[0], "0,1,2"].join("\n"), "t.csv:2: has 3 columns, the header 11"),
         ([lines[0], "0,0,0,0,0,0,0,0,0,0,NaN"].join("\n"), "column 11: \"NaN\" is not a number"),
-        ([lines[0], "0,0,0,0,0,0,0,0,0,0,3"].join("\n"), "arm_right_5_joint = 3 is outside [-2.0"),
+        ([lines[0], "0,0,0,0,0,0,0,0,0,0,3"].join("\n"), "arm_right_5_joint = 3.0 rad is outside [-2.0"),
     ] {
         std::fs::write(&file, bad).expect("written");
         let error = read_csv(&file, &model).expect_err("is refused").to_string();
@@ -133,7 +129,7 @@ fn csv_is_resampled_to_60_hz_and_bad_csv_is_refused_by_line() {
 }
 
 #[test]
-fn interpolate_writes_both_files_and_refuses_bad_poses() {
+fn interpolate_writes_both_files_and_refuses_to_replace_an_input() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("i.csv");
     let run = |arguments: &[&str]| {
@@ -158,32 +154,12 @@ fn interpolate_writes_both_files_and_refuses_bad_poses() {
     ]
     .map(|arguments| (run(arguments).status.success(), std::fs::read_to_string(&out).expect("the trajectory")));
     assert!(written[0].0 && written[0] == written[1], "--frame-rate changes the time of a frame");
-    for (arguments, expected) in [
-        (["t-pose", "headstand"], "pose headstand: must be FILE.bvh:FRAME"),
-        (["t-pose", "tools/replay/motions/clap.bvh:9999"], "\"9999\" is not a frame of 0 to 306"),
-        (["t-pose", "tools/replay/motions/clap.bvh@6"], "\"6\" is not a time of 0 to 5.100 s"),
-        (["t-pose", "tools/replay/motions/clap.bvh"], "needs a frame or a time"),
-        (["t-pose", "missing.npz:1"], "missing.npz: there is no such file. Check the path"),
-    ] {
-        let refused = run(&arguments);
-        let text = String::from_utf8_lossy(&refused.stderr).into_owned();
-        let code = if text.contains("missing.npz") { 66 } else { 64 };
-        assert!(refused.status.code() == Some(code) && text.contains(expected), "{text}");
-    }
-    for [option, missing, named] in [["--robot", "no.toml", "no.toml"], ["--weights", "no", "no.safetensors"]] {
-        let refused = run(&["t-pose", "rest", option, missing]);
-        let text = String::from_utf8_lossy(&refused.stderr).into_owned();
-        let expected = format!("keyposes: {named}: there is no such file. Check the path");
-        assert!(refused.status.code() == Some(66) && text.contains(&expected), "{text}");
-    }
     // The motion next to the trajectory is one of the input files. It must stay unchanged.
     let before = std::fs::read(out.with_extension("bvh")).expect("the motion");
     let own = format!("{}:3", out.with_extension("bvh").display());
     let refused = run(&["t-pose", &own]);
     assert!(String::from_utf8_lossy(&refused.stderr).contains("is one of the inputs"), "{refused:?}");
     assert_eq!(std::fs::read(out.with_extension("bvh")).expect("is still there"), before);
-    let refused = run(&["t-pose", "rest", "--seconds", "0"]);
-    assert!(String::from_utf8_lossy(&refused.stderr).contains("--seconds 0 is outside [0.05, 60]"));
 }
 
 /// Poses anywhere in the arm's reach and slightly beyond, where refinement finds other branches than the network.

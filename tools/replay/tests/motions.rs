@@ -1,5 +1,6 @@
 //! The named motions match their names and the files on disk, and can be read back.
 
+use crate::batch::root;
 use messages::{HingeCalibration, Smpl};
 use motion::{CalibrationMode, Frame, Motion, SMPL_ARMS, calibrate, limbs};
 use nalgebra::Vector3;
@@ -8,11 +9,6 @@ use poses::person::{hands, head};
 use poses::trajectory::{ground_truth, read_csv};
 use replay::keyposes::write::{compact_bvh, trajectory_csv};
 use retarget::{Limbs, limb_error_deg};
-use std::path::{Path, PathBuf};
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
 
 fn model() -> robot::Model {
     config::load_model(&root().join("config/robots/tiago_dual.toml")).expect("the shipped robot").0

@@ -1,11 +1,7 @@
 //! Runs `replay --offline` as a user does: the files that it writes, and their promised properties.
 
-use std::path::{Path, PathBuf};
+use crate::batch::root;
 use std::process::Command;
-
-fn repository() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().expect("the repository")
-}
 
 struct Run {
     header: Vec<String>,
@@ -24,7 +20,7 @@ fn replay(motion: &str) -> Run {
         .arg("--offline")
         .arg(&out)
         .arg("--config")
-        .arg(repository().join("config/teleop.toml"))
+        .arg(root().join("config/teleop.toml"))
         .output()
         .expect("replay runs");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -82,7 +78,7 @@ fn recording_of_a_run_compares_equal_and_half_of_it_fails() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let run = |arguments: &[&std::ffi::OsStr]| {
-        let program = Command::new(env!("CARGO_BIN_EXE_replay")).current_dir(repository()).args(arguments).output();
+        let program = Command::new(env!("CARGO_BIN_EXE_replay")).current_dir(root()).args(arguments).output();
         program.expect("replay runs")
     };
     let (csv, whole, half) = (path("out.csv"), path("whole.mcap"), path("half.mcap"));
