@@ -67,7 +67,7 @@ pub struct PayloadArgs {
     /// Left or right hand.
     pub hand: Hand,
     /// Mass, kg.
-    #[arg(value_name = "KG", value_parser = finite, allow_negative_numbers = true)]
+    #[arg(value_name = "KG", value_parser = rt::number, allow_negative_numbers = true)]
     pub mass_kg: f64,
     /// Centre of mass, m, in the frame of the link that the arm's last joint moves. Default: the centre in the
     /// robot file.
@@ -83,13 +83,8 @@ pub enum Hand {
     Right,
 }
 
-fn finite(text: &str) -> Result<f64, String> {
-    let number = text.trim().parse().ok().filter(|number: &f64| number.is_finite());
-    number.ok_or_else(|| "must be a number".into())
-}
-
 fn place(text: &str) -> Result<[f64; 3], String> {
-    let numbers: Result<Vec<f64>, String> = text.split(',').map(finite).collect();
+    let numbers: Result<Vec<f64>, String> = text.split(',').map(rt::number).collect();
     numbers?.try_into().map_err(|_| "must be three numbers: x,y,z".into())
 }
 

@@ -277,7 +277,7 @@ pub struct Demo {
     #[command(flatten)]
     pub load: motion::LoadOptions,
     /// Stop after this many seconds of motion (default: the whole motion once).
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = rt::number, allow_negative_numbers = true)]
     pub seconds: Option<f64>,
     /// Also record the run to this MCAP file. Fails if the file exists.
     #[arg(long, value_name = "FILE.mcap")]
@@ -302,7 +302,7 @@ pub struct Demo {
     /// four unsynchronised controllers that take points at 100 Hz. jtc100-restart: they begin again at each point.
     #[arg(long, value_name = "NAME", value_parser = named(Interface::ALL, Interface::NAMES))]
     pub interface: Option<Interface>,
-    /// Print no live line and no figures.
+    /// Print no live picture: only what starts, and the table at the end.
     #[arg(long)]
     pub quiet: bool,
 }

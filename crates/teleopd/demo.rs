@@ -142,12 +142,15 @@ fn judged(mut trouble: Vec<String>, ended: Option<String>, report: &Report) -> R
 /// Reads all inputs of a run. Checks that its report can be written and its page served.
 fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
     if let Some(seconds) = options.seconds.filter(|seconds| !(*seconds > 0.0 && *seconds <= 86_400.0)) {
-        return Err(Failure::new(Exit::Usage, format!("--seconds {seconds} is outside (0, 86400]")));
+        return Err(Failure::new(Exit::Usage, format!("--seconds {seconds:?} is outside (0, 86400]")));
     }
+    let refusal = options.load.refusal(options.motion.as_deref().unwrap_or(Path::new("builtin")));
+    refusal.map_or(Ok(()), |refusal| Err(Failure::new(Exit::Usage, refusal)))?;
     let motion = match &options.motion {
         Some(path) => match path.to_str().and_then(motion::builtin_named) {
             Some(motion) => motion,
-            None => motion::load_with(path, &options.load).map_err(|error| unread(path, error))?,
+            None => motion::load_with(path, &options.load)
+                .map_err(|error| Failure::new(Exit::NoInput, poses::error::refused(&error)))?,
         },
         None => motion::builtin(),
     };
@@ -167,16 +170,6 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
         crate::view::refuse_taken(options.view_port, "--view-port")?;
     }
     Ok((motion, loaded))
-}
-
-/// Returns the failure for a motion file that cannot be read.
-fn unread(path: &Path, error: motion::MotionError) -> Failure {
-    if let motion::MotionError::Io { source, .. } = &error {
-        return Failure::new(Exit::NoInput, rt::unreadable(path, source));
-    }
-    let trajectory = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
-    let hint = if trajectory { "; only `replay` plays a joint trajectory (.csv), to a running instance" } else { "" };
-    Failure::new(Exit::NoInput, format!("{error}{hint}"))
 }
 
 /// Returns an error if the file cannot be written. Keeps the file's contents.

@@ -75,7 +75,8 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
         server.address()
     );
     if operator::Client::connect(instance.operator_socket()).is_err() {
-        out!("teleopd: no instance runs there yet; the page waits for one (`teleopd up` starts it)");
+        let folder = instance.run_dir().display();
+        out!("teleopd: no instance runs there yet; the page waits for one (`teleopd up --run-dir {folder}` starts it)");
     }
     while !shutdown.requested() && !rt::is_orphaned(options.child_of) {
         if server.has_ended() {

@@ -31,7 +31,9 @@ pub fn linked_or(socket: &Path, otherwise: &str) -> String {
 }
 
 fn absent(socket: &Path, daemon: &str) -> String {
-    linked_or(socket, &format!("Is {daemon} running? `teleopd up` starts everything"))
+    let folder = socket.parent().unwrap_or(Path::new("."));
+    let text = format!("Is {daemon} running? `teleopd up --run-dir {}` starts everything", folder.display());
+    linked_or(socket, &text)
 }
 
 fn ended(socket: &Path, daemon: &str) -> String {

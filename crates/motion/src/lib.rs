@@ -148,7 +148,7 @@ pub struct LoadOptions {
     pub mirror: bool,
     /// Frames per second of the file, regardless of what it says. Arrays of positions and features say nothing, and play at
     /// 20 Hz like HumanML3D.
-    #[arg(long = "frame-rate", value_name = "HZ")]
+    #[arg(long = "frame-rate", value_name = "HZ", value_parser = rate, allow_negative_numbers = true)]
     pub frame_rate_hz: Option<f64>,
     /// The axis that points up in a .npy (y unless given) or .npz (z unless given). Other files need none.
     #[arg(long, value_name = "y|z")]
@@ -156,6 +156,29 @@ pub struct LoadOptions {
     /// Names of a BVH rig's joints that are not found by themselves: a TOML file with lines such as left_elbow = "Arm2.L".
     #[arg(long, value_name = "FILE.toml")]
     pub map: Option<PathBuf>,
+}
+
+impl LoadOptions {
+    /// Returns why one of these options cannot be used for this file or built-in motion.
+    pub fn refusal(&self, file: &Path) -> Option<String> {
+        let extension = file.extension().unwrap_or_default();
+        let options: [(&str, bool, &[&str]); 5] = [
+            ("--up", self.up.is_some(), &["npy", "npz"]),
+            ("--mean", self.mean.is_some(), &["npy"]),
+            ("--map", self.map.is_some(), &["bvh"]),
+            ("--mirror", self.mirror, &EXTENSIONS),
+            ("--frame-rate", self.frame_rate_hz.is_some(), &EXTENSIONS),
+        ];
+        let serves = |extensions: &[&str]| extensions.iter().any(|own| extension.eq_ignore_ascii_case(own));
+        let (option, _, extensions) = options.into_iter().find(|(_, given, own)| *given && !serves(own))?;
+        Some(format!("{}: {option} is for .{} files; leave it out", file.display(), extensions.join(", .")))
+    }
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    let [low, high] = FRAME_RATE_HZ;
+    let rate = text.parse().ok().filter(|rate| (low..=high).contains(rate));
+    rate.ok_or_else(|| format!("is no number of frames a second within [{low}, {high}], such as 30"))
 }
 
 /// Reads a motion file by its extension, like [`load_with`] without options. `.bvh`: any rig. `.npy`: HumanML3D's

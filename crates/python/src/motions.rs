@@ -118,7 +118,7 @@ pub(crate) fn read_motion(
     let options = LoadOptions { mirror, frame_rate_hz, up, ..LoadOptions::default() };
     let loaded = computed(py, |_| motion::load_with(&path, &options))?;
     let motion = loaded.map_err(|error| match error {
-        MotionError::Io { source, .. } => unread(rt::unreadable(&path, &source)),
+        MotionError::Io { file, source } => unread(rt::unreadable(file.as_ref(), &source)),
         error => refused(error),
     })?;
     Ok(Motion { motion: Arc::new(motion) })

@@ -41,7 +41,7 @@ pub use histogram::Histogram;
 pub use incarnation::incarnation;
 pub use limits::Limits;
 pub use notify::ServiceManager;
-pub use output::wants_colour;
+pub use output::{number, wants_colour};
 pub use page_faults::PageFaults;
 pub use panic::abort_on_panic;
 pub use peer::Peer;

@@ -14,6 +14,11 @@ fn colours(is_terminal: bool, no_color: &OsStr, term: &OsStr) -> bool {
     is_terminal && no_color.is_empty() && term != "dumb"
 }
 
+/// Reads a finite number for command lines.
+pub fn number(text: &str) -> Result<f64, String> {
+    text.trim().parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(|| "must be a number".into())
+}
+
 /// Writes a line to standard output.
 #[macro_export]
 macro_rules! out {

@@ -39,7 +39,11 @@ fn run<P: Protocol>(bind: SocketAddr, to: &To, protocol: P) -> Result<(), Failur
     let way = match &to.socket {
         Some(path) => Transport::Socket(path.clone()),
         None if to.run_dir.is_dir() => Transport::Domain(Instance::unmade(&to.run_dir).input_domain()),
-        None => return Err(unavailable(format!("{}: no instance of teleopd runs there", to.run_dir.display()))),
+        None => {
+            let folder = to.run_dir.display();
+            let text = format!("no instance of teleopd runs in {folder}; start one: `teleopd up --run-dir {folder}`");
+            return Err(unavailable(text));
+        }
     };
     let port = Port::open(way, "bridge").map_err(Failure::with(Exit::Unavailable))?;
     let at = socket.local_addr().unwrap_or(bind);

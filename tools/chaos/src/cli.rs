@@ -49,10 +49,10 @@ pub struct CommonArgs {
 #[derive(Clone, Debug, Args)]
 pub struct SoakArgs {
     /// Length of the soak, h.
-    #[arg(long, value_name = "HOURS", default_value_t = 1.0)]
+    #[arg(long, value_name = "HOURS", default_value_t = 1.0, value_parser = rt::number, allow_negative_numbers = true)]
     pub hours: f64,
     /// Time between two faults, s.
-    #[arg(long, value_name = "S", default_value_t = 60.0)]
+    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = rt::number, allow_negative_numbers = true)]
     pub strike_every: f64,
     /// Kill control and the driver, too. They are suspended otherwise, so that a slow leak shows.
     #[arg(long)]
@@ -77,7 +77,7 @@ pub struct TrialsArgs {
     #[arg(long, value_name = "NAME")]
     pub only: Option<String>,
     /// Share of the faults that wait until the robot is engaged. The others occur while it engages.
-    #[arg(long, value_name = "SHARE", default_value_t = 0.8)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.8, value_parser = rt::number, allow_negative_numbers = true)]
     pub engaged: f64,
     #[command(flatten)]
     pub common: CommonArgs,

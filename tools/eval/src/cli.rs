@@ -38,7 +38,7 @@ pub struct Cli {
     #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
     pub config: PathBuf,
     /// --following: judged delay between person and command, ms, beside 60 and 200
-    #[arg(long, value_name = "MS", default_value_t = 120.0)]
+    #[arg(long, value_name = "MS", default_value_t = 120.0, value_parser = rt::number, allow_negative_numbers = true)]
     pub delay_ms: f64,
     /// --following: skip the best that any motion can do
     #[arg(long)]

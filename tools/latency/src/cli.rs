@@ -24,7 +24,7 @@ const CORE_MAX: usize = 1023;
 #[command(name = "latency", version)]
 pub struct Cli {
     /// Measured time of all blocks together. Starting and engaging come on top, some seconds per block.
-    #[arg(long, value_name = "S", default_value_t = 60.0)]
+    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = rt::number, allow_negative_numbers = true)]
     pub seconds: f64,
     /// Number of busy threads (SCHED_OTHER) that walk through memory during all blocks.
     #[arg(long, value_name = "N", default_value_t = 0)]
@@ -48,7 +48,7 @@ pub struct Cli {
     pub config: PathBuf,
     /// Skeletons per second. Their phase moves through the whole tick, so that the wait for the deadline is
     /// sampled evenly.
-    #[arg(long, value_name = "HZ", default_value_t = 120.0)]
+    #[arg(long, value_name = "HZ", default_value_t = 120.0, value_parser = rt::number, allow_negative_numbers = true)]
     pub rate_hz: f64,
 }
 

@@ -22,13 +22,13 @@ pub struct Cli {
     #[arg(long, value_name = "NAME|FILE")]
     pub robot: Option<RobotChoice>,
     /// Pictures, targets, commands and states per second. Every skeleton and status is recorded at any rate.
-    #[arg(long, value_name = "HZ", default_value_t = 60.0, conflicts_with = "summary")]
+    #[arg(long, value_name = "HZ", default_value_t = 60.0, conflicts_with = "summary", value_parser = rt::number, allow_negative_numbers = true)]
     pub rate: f64,
     /// Record every target, command and state that can be seen. Pictures stay at --rate.
     #[arg(long, conflicts_with = "summary")]
     pub full: bool,
     /// End after this many seconds (default: at SIGINT or SIGTERM).
-    #[arg(long, value_name = "N", conflicts_with = "summary")]
+    #[arg(long, value_name = "N", conflicts_with = "summary", value_parser = rt::number, allow_negative_numbers = true)]
     pub seconds: Option<f64>,
     /// Set this if the instance was started with this flag. It is part of the settings in the file.
     #[arg(long, conflicts_with = "summary")]

@@ -22,7 +22,7 @@ pub struct Cli {
     pub file: Option<PathBuf>,
     /// 1 is the recorded speed, and 0.1 to 10 are allowed. A slow motion gets additional frames between its
     /// own.
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = rt::number, allow_negative_numbers = true)]
     pub speed: f64,
     #[command(flatten)]
     pub load: LoadOptions,

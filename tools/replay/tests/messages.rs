@@ -1,31 +1,49 @@
 //! Answers of the program to bad input: place, value, bound and a way out.
 
-use std::path::Path;
+use crate::batch::root;
 use std::process::Command;
 
 /// Arguments; exit code; what the message must name, last the way out. Words that begin with `@` are files of the folder.
 type Row = (&'static str, i32, &'static [&'static str]);
 
-const ROWS: [Row; 24] = [
+const ROWS: [Row; 38] = [
     ("@none.bvh --offline @o.csv", 66, &["none.bvh", "there is no such file", "Check the path"]),
-    ("@clip.fbx --offline @o.csv", 66, &["clip.fbx", "\"fbx\"", "motion files are .bvh"]),
+    ("@clip.fbx --offline @o.csv", 66, &["clip.fbx", "\"fbx\"", "motion files are .bvh", "`replay` plays .csv"]),
+    ("@clip.bvh --map @none.toml", 66, &["none.toml: there is no such file", "Check the path"]),
+    ("@clip.bvh --robot @none.toml --offline @o.csv", 78, &["none.toml: there is no such file", "check the path"]),
+    ("@clip.bvh --plot @none/o.png --offline @o.csv", 73, &["o.png: there is no folder", "mkdir -p"]),
+    ("@clip.bvh --frame-rate abc", 2, &["'abc'", "--frame-rate", "within [0.01, 100000]", "such as 30"]),
+    ("@clip.bvh --frame-rate -1", 2, &["'-1'", "--frame-rate", "within [0.01, 100000]", "such as 30"]),
+    ("builtin --speed abc", 2, &["'abc'", "--speed", "must be a number"]),
+    ("builtin --speed 1e30", 64, &["--speed 1e30", "[0.1, 10]", "1 is the recorded speed"]),
+    ("builtin --frame-rate 30", 64, &["builtin", "--frame-rate is for .bvh, .mcap, .npy, .npz files", "leave it out"]),
+    ("@clip.bvh --mean @m.npy --std @s.npy", 64, &["clip.bvh", "--mean is for .npy files", "leave it out"]),
+    ("@latin.csv", 66, &["latin.csv is no text in UTF-8", "Save it as such"]),
     ("@empty --offline @o.csv", 66, &["empty is a folder", "name one motion file"]),
     ("builtin --speed 20 --offline @o.csv", 64, &["--speed 20", "[0.1, 10]", "1 is the recorded speed"]),
     ("@clip.bvh --up z --offline @o.csv", 64, &["clip.bvh", "--up", "leave it out"]),
-    ("builtin --up z", 64, &["builtin", "--up is for .npy and .npz files", "leave it out"]),
+    ("builtin --up z", 64, &["builtin", "--up is for .npy, .npz files", "leave it out"]),
     ("@broken.bvh", 66, &["broken.bvh: line 4", "\"zero\" is not a number", "write one there"]),
     ("@clip.bvh --offline @o.json", 64, &["o.json", "the same name", "give a name with .csv"]),
     ("@clip.bvh --offline @clip.bvh", 64, &["--offline", "clip.bvh", "give another file"]),
     ("@clip.bvh --offline @o.csv --loop", 64, &["--loop does not", "give only one of them"]),
-    ("@clip.bvh --offline @o.csv --frame-rate 0", 66, &["clip.bvh", "0 Hz", "[0.01, 100000]", "--frame-rate HZ"]),
+    ("@clip.bvh --offline @o.csv --frame-rate 0", 2, &["'0'", "within [0.01, 100000]", "such as 30"]),
     ("@clip.bvh --offline @o.csv --mirror", 66, &["clip.bvh", "not mirrored", "leave it out"]),
-    ("builtin --run-dir @none", 69, &["none", "no instance of teleopd", "start `teleopd up`"]),
+    ("builtin --run-dir @none", 69, &["none", "no instance of teleopd", "start one: `teleopd up --run-dir "]),
     ("--compare @clip.bvh", 66, &["clip.bvh", "not an MCAP file", "`record` writes one"]),
     ("batch --input @empty --out @o", 66, &["--input", "empty", "no .bvh", "give another folder"]),
     ("batch --input @. --out @.", 73, &["--out", "lies in --input", "give another --out"]),
     ("batch --input @. --out @more --recursive", 73, &["--out", "lies in --input", "give another --out"]),
     ("batch --input @none --out @o", 66, &["none", "there is no such file", "Check the path"]),
     ("keyposes interpolate t-pose @clip.bvh:99999", 64, &["clip.bvh:99999", "\"99999\"", "not a frame of 0 to "]),
+    ("keyposes interpolate t-pose @clip.bvh@99", 64, &["\"99\" is not a time of 0 to "]),
+    ("keyposes interpolate t-pose @clip.bvh", 64, &["needs a frame or a time"]),
+    ("keyposes interpolate t-pose rest --robot @no.toml", 66, &["no.toml: there is no such file", "Check the path"]),
+    (
+        "keyposes interpolate t-pose rest --weights @no",
+        66,
+        &["no.safetensors: there is no such file", "Check the path"],
+    ),
     ("keyposes interpolate t-pose headstand", 64, &["pose headstand", "must be FILE.bvh:FRAME"]),
     ("keyposes interpolate t-pose rest --seconds 0", 64, &["--seconds 0", "[0.05, 60]"]),
     ("say wave --library @empty", 66, &["captions.tsv", "there is no such file", "Check the path"]),
@@ -36,17 +54,17 @@ const ROWS: [Row; 24] = [
 #[test]
 fn every_refusal_names_place_value_bound_and_what_to_do() {
     let folder = tempfile::tempdir().expect("a folder");
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     motion::save_bvh(&motion::builtin(), &folder.path().join("clip.bvh")).expect("written");
     std::fs::write(folder.path().join("clip.fbx"), "Kaydara").expect("written");
     std::fs::write(folder.path().join("broken.bvh"), "HIERARCHY\nROOT Hips\n{\n OFFSET 0 0 zero\n").expect("written");
+    std::fs::write(folder.path().join("latin.csv"), b"\xe9").expect("written");
     std::fs::write(folder.path().join("captions.tsv"), "clip.bvh waves\n").expect("written");
     std::fs::create_dir(folder.path().join("empty")).expect("made");
     let mut wrong = Vec::new();
     for (arguments, code, parts) in ROWS {
         let argument = |word: &str| word.strip_prefix('@').map_or(word.into(), |name| folder.path().join(name));
         let mut program = Command::new(env!("CARGO_BIN_EXE_replay"));
-        let refused = program.current_dir(&root).args(arguments.split(' ').map(argument)).output().expect("it runs");
+        let refused = program.current_dir(root()).args(arguments.split(' ').map(argument)).output().expect("it runs");
         let text = String::from_utf8_lossy(&refused.stderr);
         let lacks: Vec<_> = parts.iter().filter(|part| !text.contains(**part)).collect();
         if refused.status.code() != Some(code) || !lacks.is_empty() {

@@ -52,7 +52,7 @@ pub struct Cli {
     #[arg(long)]
     pub batch: Option<usize>,
     /// Peak learning rate of Adam, instead of the preset's
-    #[arg(long)]
+    #[arg(long, value_parser = rt::number, allow_negative_numbers = true)]
     pub rate: Option<f64>,
     /// Part of each clip in which the elbow hinges are estimated
     #[arg(long, value_name = "clip|first-10s", default_value = "first-10s", value_parser = calibration)]

@@ -30,7 +30,7 @@ pub struct Options {
 
 /// Returns `value` if it is within the bounds. NaN is not.
 fn within(option: &str, value: f64, low: f64, high: f64) -> Result<f64, Failure> {
-    let outside = || Failure::new(Exit::Usage, format!("{option} {value} is outside [{low}, {high}]"));
+    let outside = || Failure::new(Exit::Usage, format!("{option} {value:?} is outside [{low}, {high}]"));
     if (low..=high).contains(&value) { Ok(value) } else { Err(outside()) }
 }
 

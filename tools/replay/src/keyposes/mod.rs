@@ -46,10 +46,10 @@ struct Interpolate {
     #[arg(required = true, num_args = 2..)]
     poses: Vec<String>,
     /// Time from each pose to the next, s, 0.05 to 60.
-    #[arg(long, default_value_t = 2.0)]
+    #[arg(long, default_value_t = 2.0, value_parser = rt::number, allow_negative_numbers = true)]
     seconds: f64,
     /// Rows per second, 1 to 1500.
-    #[arg(long, default_value_t = 60.0)]
+    #[arg(long, default_value_t = 60.0, value_parser = rt::number, allow_negative_numbers = true)]
     rate: f64,
     /// Output file of the trajectory. The motion gets the same name with .bvh.
     #[arg(long, value_name = "FILE.csv", default_value = "interpolation.csv")]

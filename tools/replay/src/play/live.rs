@@ -27,10 +27,7 @@ fn operator_of(cli: &Cli, instance: &Instance) -> Result<Option<Client>, Failure
         Err(OperatorError::Door(DoorError::PermissionDenied { .. })) => Ok(None),
         Err(_) if cli.socket.is_some() => Ok(None),
         Err(error) => {
-            let text = format!(
-                "{}: no instance of teleopd runs there ({error}); start `teleopd up`",
-                instance.run_dir().display()
-            );
+            let text = format!("no instance of teleopd runs in {}: {error}", instance.run_dir().display());
             Err(Failure::new(Exit::Unavailable, text))
         }
     }
@@ -54,7 +51,8 @@ fn place(cli: &Cli) -> Result<(Instance, Transport), Failure> {
         Some(socket) => Instance::unmade(socket.parent().unwrap_or(Path::new("."))),
         None if cli.run_dir.is_dir() => Instance::unmade(&cli.run_dir),
         None => {
-            let text = format!("{}: no instance of teleopd runs there (start `teleopd up`)", cli.run_dir.display());
+            let folder = cli.run_dir.display();
+            let text = format!("no instance of teleopd runs in {folder}; start one: `teleopd up --run-dir {folder}`");
             return Err(Failure::new(Exit::Unavailable, text));
         }
     };

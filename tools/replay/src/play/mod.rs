@@ -6,8 +6,8 @@ mod offline;
 
 use crate::cli::Cli;
 use config::Overrides;
-use motion::{CalibrationMode, MotionError};
-use poses::trajectory;
+use motion::CalibrationMode;
+use poses::{error::refused, trajectory};
 use rt::{Exit, Failure, out};
 use std::path::Path;
 use std::process::ExitCode;
@@ -24,7 +24,7 @@ pub fn execute(cli: &mut Cli) -> ExitCode {
 fn play(cli: &mut Cli) -> Result<(), Failure> {
     let (low, high) = SPEED;
     if !(low..=high).contains(&cli.speed) {
-        let text = format!("--speed {} is outside [{low}, {high}]; 1 is the recorded speed", cli.speed);
+        let text = format!("--speed {:?} is outside [{low}, {high}]; 1 is the recorded speed", cli.speed);
         return Err(Failure::new(Exit::Usage, text));
     }
     if let Some(recording) = &cli.compare {
@@ -45,9 +45,7 @@ fn play(cli: &mut Cli) -> Result<(), Failure> {
 /// forward kinematics. So it passes through retargeting and every check, as any live person does.
 fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
     let file = cli.file.clone().unwrap_or_default();
-    if let Some(refused) = refused_up(cli, &file) {
-        return Err(refused);
-    }
+    cli.load.refusal(&file).map_or(Ok(()), |refusal| Err(Failure::new(Exit::Usage, refusal)))?;
     if let Some(motion) = file.to_str().and_then(motion::builtin_named) {
         if motion.name == motion::CALIBRATION {
             // A person to calibrate has no hinges yet.
@@ -61,10 +59,7 @@ fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
         cli.calibration = CalibrationMode::Rig;
     }
     if !is("csv") {
-        return motion::load_with(&file, &cli.load).map_err(|error| match error {
-            MotionError::Io { source, .. } => Failure::new(Exit::NoInput, rt::unreadable(&file, &source)),
-            error => Failure::new(Exit::NoInput, error),
-        });
+        return motion::load_with(&file, &cli.load).map_err(|error| Failure::new(Exit::NoInput, refused(&error)));
     }
     let loaded =
         config::load(&cli.config, Overrides::robot(cli.robot.as_ref())).map_err(Failure::with(Exit::Config))?;
@@ -72,14 +67,6 @@ fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
     let name = file.file_stem().map_or_else(|| "trajectory".into(), |stem| stem.to_string_lossy().into_owned());
     cli.calibration = CalibrationMode::Rig;
     Ok(trajectory::to_motion(&trajectory, &loaded.model, &name))
-}
-
-/// The refusal of --up for a file whose axes are known or found.
-fn refused_up(cli: &Cli, file: &Path) -> Option<Failure> {
-    let has_axis =
-        file.extension().is_some_and(|extension| ["npy", "npz"].iter().any(|one| extension.eq_ignore_ascii_case(one)));
-    let text = || format!("{}: --up is for .npy and .npz files; leave it out", file.display());
-    (cli.load.up.is_some() && !has_axis).then(|| Failure::new(Exit::Usage, text()))
 }
 
 fn describe(motion: &motion::Motion, calibration: CalibrationMode) {

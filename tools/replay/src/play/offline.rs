@@ -13,7 +13,11 @@ use serde_json::json;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
+use std::time::{Duration, Instant};
 use world::{Offline, OfflineEnd, OfflineReport, Row};
+
+/// Time between two lines of progress where there is no terminal. Assumption: nobody waits longer without a sign.
+const PROGRESS_PERIOD: Duration = Duration::from_secs(10);
 
 /// Rejects options that would overwrite an input or output file, or would never end.
 fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
@@ -32,6 +36,11 @@ fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
             let text = format!("{option} {}: this is the motion itself; give another file", out.display());
             return Err(Failure::new(Exit::Usage, text));
         }
+    }
+    // Drawn at the end of the run, so a picture that cannot be written is refused before.
+    let folder = cli.plot.as_deref().and_then(Path::parent).filter(|folder| *folder != Path::new(""));
+    if let (Some(plot), Some(Err(error))) = (&cli.plot, folder.map(std::fs::metadata)) {
+        return Err(Failure::unwritable(plot, &error));
     }
     if cli.looped {
         return Err(Failure::new(Exit::Usage, "--offline ends, but --loop does not; give only one of them"));
@@ -59,6 +68,7 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} frames, {elapsed}") {
         bar.set_style(style);
     }
+    let mut printed = Instant::now();
     let end = offline.try_play(|tick| {
         if let Some(recording) = &mut recording {
             recording.moment(tick.moment, tick.operator);
@@ -69,6 +79,11 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
         let (played, frames) = tick.progress;
         bar.set_length(frames);
         bar.set_position(played);
+        // Without a terminal there is no bar.
+        if bar.is_hidden() && printed.elapsed() >= PROGRESS_PERIOD {
+            printed = Instant::now();
+            out!("{played} of {frames} frames");
+        }
         tick.row.map_or(Ok(()), |row| write_row(&mut csv, &row, loaded.model.count))
     });
     let end = end.and_then(|end| csv.flush().map(|()| end)).map_err(write)?;
