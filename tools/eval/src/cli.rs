@@ -67,12 +67,9 @@ pub struct Cli {
     /// Write the figures to this file as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Draw the figures as SVG files into this folder. With --following: one picture per clip
+    /// --following, --video: draw one SVG file for each clip into this folder
     #[arg(long, value_name = "DIR", visible_alias = "plots")]
     pub plot: Option<PathBuf>,
-    /// Also interpolate between random key poses in the latent space and in joint space
-    #[arg(long)]
-    pub keyposes: bool,
 }
 
 /// Robot without `--robot`.

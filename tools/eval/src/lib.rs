@@ -10,14 +10,12 @@
 pub mod cli;
 pub mod clips;
 pub mod following;
-pub mod keyposes;
 pub mod methods;
 pub mod metrics;
 pub mod plots;
 pub mod refusals;
 pub mod report;
 pub mod run;
-pub mod sew;
 pub mod stick_figures;
 pub mod timing;
 pub mod video;

@@ -2,7 +2,6 @@
 
 use crate::cli::Cli;
 use crate::clips::Human;
-use crate::sew::sew;
 use ::report::out_of_bounds;
 use retarget::{ArmModel, ArmQ, Network, Weights, closed_form, oracle, refine, solve_poses};
 use rt::Failure;
@@ -24,8 +23,6 @@ pub type Posture = [ArmQ; 2];
 pub enum Solver {
     /// The shared latent space, then Levenberg-Marquardt steps, with the network's output as prior, as in the product.
     Ours { network: Arc<Network>, steps: u32 },
-    /// The closed form of [`sew`].
-    Sew,
     /// The closed form of the product, then three Levenberg-Marquardt steps.
     ClosedForm,
     /// Three steps from the previous frame's output. The first frame starts in the middle of the limits.
@@ -48,7 +45,7 @@ pub struct Missing {
 
 pub fn names() -> Vec<String> {
     let ours = (0..=OURS_STEPS_MAX).map(|steps| format!("ours_k{steps}"));
-    ours.chain(["sew", "closed_form_3lm", "previous_frame_3lm", "oracle"].map(str::to_owned)).collect()
+    ours.chain(["closed_form_3lm", "previous_frame_3lm", "oracle"].map(str::to_owned)).collect()
 }
 
 /// Prepares the requested methods, or all. Ours without weights report it, and `human` as the motion files of the
@@ -67,7 +64,6 @@ pub fn prepare(cli: &Cli, human: &Path, weights: Option<&Weights>) -> Result<Vec
     let known = names();
     let prepared = cli.methods.as_ref().unwrap_or(&known).iter().map(|name| {
         let solver = match name.as_str() {
-            "sew" => Ok(Solver::Sew),
             "closed_form_3lm" => Ok(Solver::ClosedForm),
             "previous_frame_3lm" => Ok(Solver::PreviousFrame),
             "oracle" => Ok(Solver::Oracle),
@@ -90,7 +86,6 @@ impl Solver {
         let each = |solve: &dyn Fn(usize) -> ArmQ| [solve(0), solve(1)];
         match self {
             Self::Ours { network, steps } => solve_poses(arm, network, human, *steps).map(|pose| pose.q),
-            Self::Sew => each(&|i| sew(arm, &human[i], &previous[i])),
             Self::ClosedForm => each(&|i| {
                 let start = closed_form(arm, &human[i], &previous[i]);
                 refine(arm, &human[i], &start, &start, BASELINE_PRIOR_WEIGHT, BASELINE_STEPS).q

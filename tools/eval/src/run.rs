@@ -6,13 +6,13 @@ use crate::methods::{Method, Missing, Posture, Solver, prepare};
 use crate::metrics::{Task, measure};
 use crate::report::{Measured, Report, Setting};
 use crate::timing::{Moment, us_per_pose};
-use crate::{following, keyposes, plots, refusals, video, words};
+use crate::{following, refusals, video, words};
 use ::report::print;
 use config::{Loaded, Overrides};
 use rayon::prelude::*;
 use retarget::{ArmIdentity, ArmModel, Weights};
 use rt::{Exit, Failure};
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::path::Path;
 use train::clips::VALIDATION_EVERY;
 use train::files::read_model;
@@ -58,22 +58,7 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), Failure> {
     let tasks = tasks(&identity.arm, clips);
     let report = report(cli, human, &identity.arm, weights.as_ref(), &methods, &tasks);
     print(&report);
-    let mut json = report.json();
-    if let (true, Some(weights)) = (cli.keyposes, &weights) {
-        let interpolation = keyposes::measure(&identity.arm, &weights.network, &tasks);
-        print(&interpolation);
-        json["keyposes"] = json!(interpolation);
-    }
-    if let Some(folder) = &cli.plot {
-        let ready = |name: &str| methods.iter().find(|method| method.name == name)?.solver.as_ref().ok();
-        let shown = ["ours_k2", "sew"].into_iter().find_map(|name| ready(name).map(|solver| (name, solver)));
-        let shown = shown.map(|(name, solver)| (name, postures(solver, &identity.arm, &tasks)));
-        let shown = shown.as_ref().map(|(name, postures)| (*name, postures.as_slice()));
-        for path in plots::draw_all(folder, &report, &identity.arm, &tasks, shown)? {
-            print(&format!("wrote {}\n", path.display()));
-        }
-    }
-    write_json(cli, &json)
+    write_json(cli, &report.json())
 }
 
 pub(crate) fn load(cli: &Cli) -> Result<Loaded, Failure> {

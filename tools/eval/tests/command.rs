@@ -58,26 +58,16 @@ const KEYS: &str = "\
 #[test]
 fn eval_writes_all_figures_and_names_missing_methods() {
     let folder = folder(&["one"], 90);
-    let plots = folder.path().join("plots").display().to_string();
-    let out = measured(&folder, &["--calibration", "rig", "--keyposes", "--plot", &plots]);
+    let out = measured(&folder, &["--calibration", "rig"]);
     assert_eq!(out["clips"], serde_json::json!(["one"]));
     assert_eq!(out["frames"], 90);
-    for name in ["ours_k0", "ours_k2", "sew", "closed_form_3lm", "previous_frame_3lm", "oracle"] {
+    for name in ["ours_k0", "ours_k2", "closed_form_3lm", "previous_frame_3lm", "oracle"] {
         for key in KEYS.split(' ') {
             assert!(out["methods"][name][key].as_f64().is_some_and(f64::is_finite), "{name} {key}: {out:#}");
         }
     }
     let mean = |name: &str| out["methods"][name]["limb_deg_mean"].as_f64().unwrap_or(f64::NAN);
     assert!(mean("oracle") <= mean("ours_k2") + 1e-6 && mean("ours_k2") < mean("ours_k0"), "{out:#}");
-    for kind in ["of_a_clip", "of_all"] {
-        let pairs = &out["keyposes"][kind];
-        assert_eq!(pairs["pairs"], 300);
-        assert!(pairs["latent_k0"]["limb_deg_mean"].as_f64().is_some_and(|degrees| degrees < 20.0), "{kind}");
-    }
-    for name in ["error-against-k.svg", "error-by-limb.svg", "poses.svg"] {
-        let text = std::fs::read_to_string(folder.path().join("plots").join(name)).expect("the plot is written");
-        assert!(text.contains("<svg") && text.contains("</svg>"), "{name}");
-    }
 }
 
 #[test]
@@ -85,7 +75,7 @@ fn missing_or_unknown_method_or_clip_is_an_error() {
     let folder = folder(&["one"], 20);
     let refused = |more: &[&str]| run(&cli(&folder, more)).expect_err("the command fails");
     // The weights that ship are not below this package's folder.
-    let unnamed = Cli { weights: None, ..cli(&folder, &["--methods", "sew,ours_k2"]) };
+    let unnamed = Cli { weights: None, ..cli(&folder, &["--methods", "oracle,ours_k2"]) };
     let missing = run(&unnamed).expect_err("the command fails");
     assert!(missing.text.starts_with("--methods names ours_k2, but "), "{missing}");
     assert_eq!(missing.exit, rt::Exit::NoInput);

@@ -1,35 +1,12 @@
-//! The methods of this tool: the closed form by shoulder, elbow and wrist, and hands that touch.
+//! Hands that touch.
 
-use eval::sew::sew;
-use rand::RngExt;
-use rand_pcg::Pcg64;
-use retarget::{ArmModel, ArmQ, Limbs, limb_error_deg};
+use retarget::{ArmModel, Limbs, limb_error_deg};
 use std::path::Path;
 use train::files::read_model;
 
 pub fn arm() -> ArmModel {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
     ArmModel::from_model(&read_model(&file).expect("the robot file is valid"))
-}
-
-fn posture(arm: &ArmModel, rng: &mut Pcg64) -> ArmQ {
-    std::array::from_fn(|j| rng.random_range(arm.q_min[j]..arm.q_max[j]))
-}
-
-#[test]
-fn sew_is_exact_for_poses_that_the_arm_can_reach() {
-    let arm = arm();
-    let mut rng = Pcg64::new(1, 1);
-    let mut exact = 0;
-    for _ in 0..2_000 {
-        let human = arm.forward(&posture(&arm, &mut rng));
-        let q = sew(&arm, &human, &arm.mid());
-        let s = arm.s_gr(&q, &human);
-        // A branch that is worse by less than 0.1 degrees, sin^2(0.05 deg), may win because it is nearer.
-        assert!(s < 7.7e-7, "{s} at {q:?}");
-        exact += i32::from(s < 1e-12);
-    }
-    assert!(exact > 1_980, "{exact}");
 }
 
 /// A motion of the eleven.

@@ -2,7 +2,6 @@
 
 use crate::methods::arm;
 use eval::clips::{Clip, Human};
-use eval::keyposes::shape;
 use eval::methods::Posture;
 use eval::metrics::{MethodFigures, Task, measure, near_gimbal};
 use nalgebra::UnitQuaternion;
@@ -132,16 +131,4 @@ fn twist_about_the_bone_is_no_error_of_direction() {
     let figures = figures(&arm, &human, &oracle, &oracle);
     assert!(figures.direction_deg < 1e-5, "{}", figures.direction_deg);
     assert!((figures.limb_deg_mean - 0.15_f64.to_degrees()).abs() < 1e-6);
-}
-
-#[test]
-fn straight_path_is_monotone_and_as_long_as_its_chord() {
-    let at = |s: f64| -> Posture { [[s; 5], [2.0 * s; 5]] };
-    let straight: Vec<Posture> = (0..=10).map(|i| at(f64::from(i) / 10.0)).collect();
-    let (monotone, length) = shape(&straight).expect("the chord is long enough");
-    assert!(monotone && (length - 1.0).abs() < 1e-12);
-    let back = [at(0.0), at(1.0), at(0.5), at(1.0)];
-    let (monotone, length) = shape(&back).expect("the chord is long enough");
-    assert!(!monotone && (length - 2.0).abs() < 1e-12);
-    assert_eq!(shape(&[at(0.0), at(0.001)]), None);
 }
