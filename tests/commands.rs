@@ -30,12 +30,11 @@ const NETWORK: &str = "needs a network";
 const ROOT: &str = "needs root. tests/systemd runs the units";
 
 /// Rows by the beginning of the command. The first match applies.
-const ROWS: [(&str, How); 73] = [
+const ROWS: [(&str, How); 72] = [
     ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
     ("cargo run --release -- demo --robot", Ends(DEMO, "")),
     ("cargo run --release -- demo --motion", Ends(DEMO, "--seconds 3")),
     ("cargo run --release -- demo", Ends(DEMO, "--seconds 3")),
-    ("cargo run --release -- tour", Tested("tests/first_minutes.rs")),
     ("cargo run --release -- up", Beside("READY", 3, AT)),
     ("cargo run --release -p replay -- builtin --loop", Beside("until the robot is engaged", 1, AT)),
     ("cargo run --release --bin teleopctl -- engage", Beside("the enable is held", 1, AT)),

@@ -1,10 +1,9 @@
-//! Tests the first experience of a new user: `up`, `engage`, and the tour.
+//! Tests the first experience of a new user: `up` and `engage`.
 
 use harness::{Rig, SOON, in_real_time, interrupt, soon};
 use messages::Mode;
 use std::io::{BufRead, BufReader, Read};
-use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 use std::time::Instant;
 
 fn teleopd() -> Command {
@@ -98,58 +97,4 @@ fn engage_prints_each_mode_change_until_interrupted() {
         assert!(times.len() == events.len() && times.is_sorted(), "{printed}");
         operator.wait_mode(Mode::Disengaged);
     });
-}
-
-fn tour(folder: &Path, options: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
-    command.arg("tour").args(options).current_dir(folder).stdin(Stdio::null());
-    command.output().expect("the tour runs")
-}
-
-/// Returns the steps by their numbers in the list at the end.
-fn outcomes(printed: &str) -> Vec<&str> {
-    let outcome = |line: &'_ str| line.starts_with(|c: char| c.is_ascii_digit()) && line.get(1..3) == Some("  ");
-    printed.lines().filter(|line| outcome(line)).collect()
-}
-
-#[test]
-#[ignore = "takes a minute: cargo test --release --test system tour_shows -- --ignored"]
-fn tour_shows_runs_and_checks_every_step() {
-    let rig = Rig::empty();
-    let folder = rig.folder().join("tour");
-    let output = tour(&harness::repository(), &["--yes", "--dir", folder.to_str().expect("UTF-8")]);
-    let printed = harness::stdout(&output);
-    assert!(output.status.success(), "{printed}{}", harness::stderr(&output));
-    let steps = outcomes(&printed);
-    assert_eq!(steps.len(), 4, "{printed}");
-    for (step, needs) in steps.iter().zip(["", "is not built", "python3|pip", "is not built"]) {
-        let skipped =
-            needs.split('|').any(|need| !need.is_empty() && step.contains("skipped: ") && step.contains(need));
-        assert!(skipped || step.contains("done: "), "{step}\n{printed}");
-        if skipped {
-            println!("note: {step}");
-        }
-    }
-    for command in ["demo --motion ", "view --port 0", "-m venv ", "--summary "] {
-        let shown = printed.lines().any(|line| line.starts_with("$ ") && line.contains(command));
-        assert!(shown || steps.iter().any(|step| step.contains("skipped: ")), "{command}: {printed}");
-    }
-    assert!(folder.join("report.json").exists() && printed.contains("Where to go next"), "{printed}");
-}
-
-#[test]
-fn tour_skips_steps_with_missing_files_and_says_why() {
-    let rig = Rig::empty();
-    let config = harness::config();
-    let output = tour(rig.folder(), &["--yes", "--config", config.to_str().expect("UTF-8")]);
-    let printed = harness::stdout(&output);
-    assert!(output.status.success(), "{printed}{}", harness::stderr(&output));
-    let steps = outcomes(&printed);
-    assert!(steps[0].contains("skipped: ") && steps[0].contains("wave-left.bvh does not exist"), "{printed}");
-    assert!(steps[2].contains("skipped: tools/clients/python does not exist"), "{printed}");
-    let folder = printed.lines().next().and_then(|line| line.split(" go to ").nth(1)).expect("its folder");
-    assert!(!Path::new(folder.trim_end_matches('.')).exists(), "{folder} is left behind");
-    let output = tour(&harness::repository(), &[]);
-    let printed = harness::stderr(&output);
-    assert!(output.status.code() == Some(64) && printed.contains("--yes"), "{printed}");
 }

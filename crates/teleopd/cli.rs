@@ -106,9 +106,6 @@ pub enum Command {
     Up(Up),
     /// Starts everything, replays a motion, engages, stops at rest and prints the measurements.
     Demo(Demo),
-    /// Five-minute tour: a motion of your own, the page, a Python client and a recording. Each step shows a
-    /// command, runs it and checks the result.
-    Tour(Tour),
     /// Checks a robot that speaks ROS 2 before it is driven. Sends nothing. Exits with 1 if a check failed.
     Preflight(Preflight),
     /// The first hour with a robot: preflight, emergency stop, each joint alone, kill -9 of every process, delay. Asks
@@ -247,19 +244,6 @@ pub struct Doctor {
     /// The URDF that names the meshes (default: the robot's own).
     #[arg(long, value_name = "FILE.urdf", requires = "meshes")]
     pub urdf: Vec<PathBuf>,
-}
-
-#[derive(Args, Clone, Debug)]
-pub struct Tour {
-    /// Settings. A program installed in /usr/bin defaults to /etc/teleop/teleop.toml if that exists.
-    #[arg(long, value_name = "FILE", default_value_os_t = instance::default_config())]
-    pub config: PathBuf,
-    /// Run all steps without asking.
-    #[arg(long)]
-    pub yes: bool,
-    /// Keep the files of the steps here: recording, report, logs, virtual environment. Default: a temporary folder.
-    #[arg(long, value_name = "DIR")]
-    pub dir: Option<PathBuf>,
 }
 
 #[derive(Args, Clone, Debug)]

@@ -92,7 +92,10 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     }
     judged(trouble, ended.err(), &report)?;
     if !options.quiet {
-        out!("\nnext      {} tour shows the page, a Python client and a recording, in five minutes", TELEOPD.typed());
+        out!(
+            "\nnext      {} demo --view shows it in a browser; docs/src/getting-started.md goes on from there",
+            TELEOPD.typed()
+        );
     }
     out!("{}", report.verdict());
     Ok(Exit::Ok)

@@ -20,7 +20,6 @@ mod report;
 mod robot_file;
 mod starter;
 mod timeline;
-mod tour;
 mod up;
 mod view;
 
@@ -51,7 +50,6 @@ pub fn main() -> ExitCode {
         Command::Driver(one) => process(&one, process::remote::run),
         Command::Up(options) => up::run(&options),
         Command::Demo(options) => demo::run(&options),
-        Command::Tour(options) => tour::run(&options),
         Command::Preflight(options) => preflight(&options),
         Command::Commission(options) => commission::run(&options),
         Command::Targets(one) => process(&one, process::targets::run),
