@@ -74,6 +74,7 @@ fn f076_no_stage_allocates_in_a_tick() {
         let input = control::Input {
             k,
             target: Some(&target),
+            policy: None,
             robot: robot.as_ref(),
             operator,
             ingest: None,

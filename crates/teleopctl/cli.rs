@@ -33,6 +33,12 @@ pub enum Command {
     /// Holds the clutch until Ctrl-C: the robot stands, and the person moves freely. Then the robot moves slowly to where the
     /// person is, and follows again.
     Clutch,
+    /// Lets the person lead the policy's arms until Ctrl-C, from where they are. Then the policy leads again.
+    Takeover {
+        /// Only this arm. The policy goes on with the other one.
+        #[arg(long, value_enum, value_name = "SIDE")]
+        arm: Option<Hand>,
+    },
     /// Slowly brings back a robot that is outside its limits or too close to itself, until Ctrl-C. Never engages.
     Recover,
     /// Releases the enable, whichever client holds it. The robot stops and keeps its posture.
@@ -75,7 +81,7 @@ pub struct PayloadArgs {
     pub centre: Option<[f64; 3]>,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Hand {
     /// The left one.
     Left,

@@ -56,12 +56,15 @@ pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) ->
     }
 }
 
-/// Holds the clutch at 50 Hz until Ctrl-C. Returns true if the robot follows again afterwards. A closed terminal and every
+/// Holds the clutch, or the arms that it takes over, at 50 Hz until Ctrl-C. Returns true if the robot follows again afterwards. A closed terminal and every
 /// other signal end it without letting go, so the robot is released.
-pub fn clutch(client: &mut Client, first: &Status, names: &Names) -> Result<bool, OperatorError> {
+pub fn clutch(client: &mut Client, first: &Status, names: &Names, takes_over: bool) -> Result<bool, OperatorError> {
     let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
     let mut printer = EventPrinter::new(first);
-    printer.print("the clutch is held; Ctrl-C lets go, and the robot moves slowly to where the person is");
+    printer.print(match takes_over {
+        true => "the person leads; Ctrl-C gives back, and the arm waits there for a policy that has seen it",
+        false => "the clutch is held; Ctrl-C lets go, and the robot moves slowly to where the person is",
+    });
     let (mut beat, mut let_go_at) = (printer.begun, None);
     loop {
         let last = client.heartbeat()?;
@@ -79,7 +82,7 @@ pub fn clutch(client: &mut Client, first: &Status, names: &Names) -> Result<bool
         match stop.signal() {
             Some(_) if Exit::after(&stop) != Exit::Interrupted => return Ok(false),
             Some(_) if let_go_at.is_none() => {
-                client.clutch(false);
+                client.clutch(false).take_over([false; 2]);
                 printer.print("let go");
                 let_go_at = Some(Instant::now());
             }

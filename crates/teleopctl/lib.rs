@@ -10,7 +10,7 @@ mod watch;
 use clap::Parser;
 use cli::{CalibrateArgs, Cli, Command, Hand};
 use explain::meaning;
-use messages::{FAULTS, Fault, Faults, Mode, Response, Status};
+use messages::{FAULTS, Fault, Faults, Mode, Response, Status, source_flag};
 use operator::{Client, OperatorError, StopPress};
 use robot::Names;
 use rt::{err, out};
@@ -46,7 +46,10 @@ fn obey(client: &mut Client, run_dir: &Path, command: Command) -> Result<bool, O
         Command::Watch => watch::run(client, run_dir),
         Command::Calibrate(args) => calibrate(client, run_dir, &args),
         Command::Engage { arm } => engage(client, run_dir, arm),
-        Command::Clutch => clutch(client, run_dir),
+        Command::Clutch => clutch(client, run_dir, None),
+        Command::Takeover { arm } => {
+            clutch(client, run_dir, Some([Hand::Left, Hand::Right].map(|side| arm.is_none_or(|arm| arm == side))))
+        }
         Command::Recover => recover(client, run_dir),
         Command::Release => {
             client.release();
@@ -238,16 +241,23 @@ fn engage(client: &mut Client, run_dir: &Path, arm: Option<Hand>) -> Result<bool
     hold::hold(client, &first, &names, begins)
 }
 
-/// Holds the clutch until Ctrl-C, or until nobody holds the enable any more.
-fn clutch(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
+/// Holds the clutch, or takes arms over from a policy, until Ctrl-C, or until nobody holds the enable any more.
+fn clutch(client: &mut Client, run_dir: &Path, takes: Option<[bool; 2]>) -> Result<bool, OperatorError> {
     let first = client.heartbeat()?;
     let names = instance::read_names(run_dir);
     if !matches!(mode(&first), Mode::Engaging | Mode::Engaged | Mode::Holding) {
         out!("nothing to hold: {}; the clutch is for a robot that follows (teleopctl engage)", mode(&first).name());
         return Ok(false);
     }
-    client.clutch(true);
-    hold::clutch(client, &first, &names)
+    if takes.is_some() && first.sources & (source_flag::POLICY[0] | source_flag::POLICY[1]) == 0 {
+        out!("nothing to take over: no policy leads an arm (docs: Policies)");
+        return Ok(false);
+    }
+    match takes {
+        Some(arms) => _ = client.take_over(arms),
+        None => _ = client.clutch(true),
+    }
+    hold::clutch(client, &first, &names, takes.is_some())
 }
 
 /// Holds the recovery until Ctrl-C, or until the robot is back.

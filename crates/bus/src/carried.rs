@@ -5,8 +5,8 @@ use crate::domain::Domain;
 use crate::error::{BusError, PublishError};
 use crate::reader::Sample;
 use messages::{
-    Feedback, InputStatus, JointCommand, JointTarget, Message, RawSkeleton, RobotMeasured, RobotSetpoint, RobotState,
-    Service, Skeleton, Status,
+    Feedback, InputStatus, JointCommand, JointTarget, Joints, Message, PolicyChunk, RawSkeleton, RobotMeasured,
+    RobotSetpoint, RobotState, Service, Skeleton, Status,
 };
 
 /// The writing end of a service.
@@ -69,5 +69,7 @@ carried!(
     InputStatus,
     RobotSetpoint,
     RobotMeasured,
-    Feedback
+    Feedback,
+    PolicyChunk,
+    Joints
 );

@@ -201,7 +201,7 @@ impl Domain {
     }
 
     pub(crate) fn data_service<M: Message>(&self, service: Service) -> Result<DataService<M>, BusError> {
-        let expected = format!("{service:?}");
+        let expected = format!("{:?}", service.namesake());
         if expected != M::NAME {
             return Err(BusError::WrongMessage { service: service.row().name, expected, offered: M::NAME });
         }

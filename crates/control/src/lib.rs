@@ -8,6 +8,7 @@ mod commander;
 mod feedback;
 mod following;
 mod gripping;
+mod leaders;
 mod limited;
 mod one_arm;
 mod payload;
@@ -65,8 +66,10 @@ pub struct Config {
 pub struct Input<'a> {
     /// Tick index. Each index has one tick, and the index never goes back.
     pub k: u64,
-    /// A new target.
+    /// A new target of the person.
     pub target: Option<&'a JointTarget>,
+    /// A new target of a policy.
+    pub policy: Option<&'a JointTarget>,
     /// A new robot state.
     pub robot: Option<&'a RobotState>,
     /// The operators, with the edges since the last tick.

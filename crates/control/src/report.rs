@@ -5,7 +5,7 @@ use crate::robot_state::{Posture, Robot};
 use crate::target::Target;
 use crate::tick::Gated;
 use crate::{Commanded, Config, Input, limited, payload, status};
-use messages::{Fault, Header, InputStatus, Layout, Mode, Stamp, Status, Subject, Transition};
+use messages::{Fault, Header, InputStatus, Layout, Mode, Stamp, Status, Subject, Transition, source_flag};
 use safety::engage::{self, MotionView};
 
 /// Silence of `ingest` after which its status is ignored, ns: ten of its periods.
@@ -127,7 +127,8 @@ impl Report {
             status.state_stamp = received;
         }
         let Some(target) = target else { return };
-        let unseen = [0, 1].map(|side| u32::from(target.limbs[side].is_none() && status.left_out & 1 << side == 0));
+        let leads = |side: usize| target.sources & source_flag::PERSON[side] != 0;
+        let unseen = [0, 1].map(|side| u32::from(leads(side) && target.limbs[side].is_none()));
         status.left_out |= unseen[0] << 2 | unseen[1] << 3;
         status.target_stamp = target.received;
         status.input_age_ns = now.since(target.input_received);

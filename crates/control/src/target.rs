@@ -1,18 +1,29 @@
 //! A `JointTarget` enters the tick here, and only here. On its arrival it is checked. In each tick, it is reduced to
-//! the arms that follow.
+//! the arms that follow. A policy has targets of its own. While it holds its lease, it leads, except for the arms that the
+//! person takes over.
 
 use crate::Config;
+use crate::leaders::Leaders;
 use messages::{
-    HAND_NODES, JOINTS_MAX, JointTarget, LIMBS, PersonChange, Stamp, Subject, TRAJECTORY_NODES, target_flag,
+    HAND_NODES, JOINTS_MAX, JointTarget, LIMBS, PersonChange, Stamp, Subject, TRAJECTORY_NODES, source_flag,
+    target_flag,
 };
 use retarget::Limbs;
 use robot::Model;
 use safety::engage::TargetView;
 use safety::monitor::TargetSteps;
 
-/// The newest target, and what the check on its arrival found.
+/// The newest targets of the person and of the policy, and who leads.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Targets {
+    person: Arrived,
+    policy: Arrived,
+    leaders: Leaders,
+}
+
+/// The newest target of one source, and what the check on its arrival found.
+#[derive(Clone, Debug, Default)]
+struct Arrived {
     newest: Option<JointTarget>,
     view: TargetView,
     steps: TargetSteps,
@@ -41,6 +52,8 @@ pub(super) struct Target {
     pub(super) ahead: Option<Ahead>,
     /// Closure of the left and the right hand, from 0 to 1. `None` for a hand that is not known.
     pub(super) closure: [Option<f64>; 2],
+    /// Bits of `source_flag`: who leads each arm.
+    pub(super) sources: u32,
 }
 
 /// The person's motion ahead, at the nodes after the target's tick. See `JointTarget`.
@@ -51,9 +64,9 @@ pub(super) struct Ahead {
     pub(super) places: [[[f32; 4]; 2]; TRAJECTORY_NODES],
 }
 
-impl Targets {
+impl Arrived {
     /// Checks a new target, and keeps it. Without one, the newest target stays.
-    pub(super) fn receive(&mut self, config: &Config, now: Stamp, target: Option<&JointTarget>) {
+    fn receive(&mut self, config: &Config, now: Stamp, target: Option<&JointTarget>) {
         self.view.jumped = false;
         let Some(target) = target else { return };
         let limbs = has_motion_ahead(target).then_some(&target.human_limbs);
@@ -70,32 +83,86 @@ impl Targets {
         };
         self.newest = Some(*target);
     }
+}
 
-    /// The newest target as engagement sees it.
+impl Targets {
+    /// Checks new targets of the person and of the policy, and keeps them.
+    pub(super) fn receive(&mut self, config: &Config, now: Stamp, [person, policy]: [Option<&JointTarget>; 2]) {
+        self.person.receive(config, now, person);
+        self.policy.receive(config, now, policy);
+    }
+
+    /// Decides who leads. `q` is the command of the last tick. If `follows` is false, nobody is followed now.
+    pub(super) fn lead(
+        &mut self,
+        model: &Model,
+        now: Stamp,
+        takes_over: [bool; 2],
+        q: &[f64; JOINTS_MAX],
+        follows: bool,
+    ) {
+        let mut leaders = std::mem::take(&mut self.leaders);
+        if let Some(policy) = self.policy() {
+            leaders.update(model, now, (self.person.newest.as_ref(), policy), takes_over, (q, follows));
+            self.leaders = leaders;
+        }
+    }
+
+    /// The policy's target while it holds its lease. A `retarget` that was restarted since knows of no policy.
+    fn policy(&self) -> Option<&JointTarget> {
+        let (person, policy) = (&self.person.newest, self.policy.newest.as_ref()?);
+        let restarted = person.as_ref().is_some_and(|person| person.header.incarnation != policy.header.incarnation);
+        (policy.session_nonce != 0 && !restarted).then_some(policy)
+    }
+
+    /// The targets as engagement sees them. While a policy holds its lease, its session counts. What leads must be fresh.
     pub(super) fn view(&self) -> TargetView {
-        self.view
+        if self.policy().is_none() {
+            return self.person.view;
+        }
+        let (person, policy, taken) = (&self.person.view, &self.policy.view, self.leaders.taken());
+        let mut view = *policy;
+        if taken.contains(&true) {
+            let sees_person = person.input_fresh && person.session_nonce == self.leaders.person;
+            view.input_fresh = sees_person && (taken == [true; 2] || policy.input_fresh);
+            view.input_received = match taken {
+                [true, true] => person.input_received,
+                _ => person.input_received.min(policy.input_received),
+            };
+            view.config_matches &= person.config_matches;
+            view.clutch |= person.clutch;
+            view.implausible |= person.implausible;
+            view.jumped |= person.jumped;
+        }
+        view
     }
 
     /// The change of the person that the newest target reports.
     pub(super) fn person_change(&self) -> Option<Subject> {
-        self.newest.as_ref().map(|target| Subject::Person(PersonChange::from_flags(target.flags)))
+        self.person.newest.as_ref().map(|target| Subject::Person(PersonChange::from_flags(target.flags)))
     }
 
     /// Reduces the newest target: no joint of an arm that is left out is valid, and nobody drives the arm. `None`
     /// before the first target.
     pub(super) fn reduced(&self, model: &Model, left_out: [bool; 2]) -> Option<Target> {
-        let target = self.newest.as_ref()?;
+        let view = self.view();
+        let newest = self.person.newest.as_ref();
+        let led = self.policy().map(|policy| self.leaders.target(model, newest, policy));
+        let target = led.as_ref().or(newest)?;
         let left_joints: u32 = (0..2)
             .filter(|&side| left_out[side])
             .flat_map(|side| model.arms[side].range())
             .fold(0, |joints, j| joints | 1 << j);
         let of_arm = |side: usize| (!left_out[side]).then_some(side);
+        let taken = self.leaders.taken();
+        let source =
+            |side: usize| if led.is_some() && !taken[side] { source_flag::POLICY } else { source_flag::PERSON };
         Some(Target {
-            may_be_followed: self.view.input_fresh && target.robot == model.id(),
+            may_be_followed: view.input_fresh && target.robot == model.id(),
             stamp: target.header.stamp,
             origin: target.header.origin,
-            received: self.view.received,
-            input_received: target.input_received,
+            received: view.received,
+            input_received: view.input_received,
             q: target.q,
             dq: target.dq,
             valid_mask: target.valid_mask & !left_joints,
@@ -107,6 +174,7 @@ impl Targets {
                 places: target.hand_places,
             }),
             closure: core::array::from_fn(|side| of_arm(side).and_then(|side| closure(target, side))),
+            sources: (0..2).filter_map(of_arm).fold(0, |all, side| all | source(side)[side]),
         })
     }
 }

@@ -7,7 +7,7 @@ use crate::report::Report;
 use crate::robot_state::Robot;
 use crate::target::{Target, Targets};
 use crate::{Commanded, Commander, Config, Continue, Input, Output, Stream};
-use messages::{GripperMotion, Header, JointCommand, JointMotion, Layout, Mode, Stamp, reduced_flag};
+use messages::{GripperMotion, Header, JointCommand, JointMotion, Layout, Mode, Stamp, command_flag, reduced_flag};
 use safety::engage::{self, MotionView};
 use safety::gate;
 
@@ -83,7 +83,10 @@ impl State {
     fn receive(&mut self, config: &Config, now: Stamp, input: &Input<'_>) -> u64 {
         let missed = self.last_k.map_or(0, |last| input.k.saturating_sub(last + 1));
         self.last_k = Some(input.k);
-        self.targets.receive(config, now, input.target);
+        self.targets.receive(config, now, [input.target, input.policy]);
+        let follows = matches!(self.engage.mode(), Mode::Engaging | Mode::Engaged);
+        let JointMotion { q, .. } = self.commander.commanded();
+        self.targets.lead(&config.model, now, input.operator.takes_over, &q, follows);
         let first_second = self.report.status.speed_scale <= engage::SPEED_SCALE_FIRST;
         let begins = self.engage.mode() == Mode::Engaging && first_second;
         self.robot.receive(config, now, input.robot, begins);
@@ -206,7 +209,7 @@ impl State {
             seed_played: chain.map_or(0, |chain| chain.seed_played),
             target_stamp: target.map_or(Stamp::NONE, |target| target.stamp),
             mode: decided.mode as u32,
-            flags: proposed.command_flags(denied.is_some()),
+            flags: proposed.command_flags(denied.is_some()) | sources(decided, target) << command_flag::SOURCES_SHIFT,
             reset_count: decided.reset_count,
             grippers: gated.grippers,
             ..JointCommand::ZERO
@@ -240,7 +243,14 @@ impl State {
         self.report.record_tick(config, (now, missed), input, decided, self.incarnation);
         self.report.record_payload(&self.commander.wbc().payload());
         self.report.record_following(config, now, &self.robot, target);
+        self.report.status.sources = sources(decided, target.filter(|target| target.may_be_followed));
     }
+}
+
+/// Bits of `source_flag`: who leads each arm. Zero while nobody is followed.
+fn sources(decided: &engage::Output, target: Option<&Target>) -> u32 {
+    let follows = matches!(decided.permit, engage::Permit::Follow { .. });
+    target.filter(|_| follows).map_or(0, |target| target.sources)
 }
 
 /// A late target is where the person was, not where the person is going.

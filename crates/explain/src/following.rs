@@ -1,7 +1,7 @@
 //! Says how closely the robot follows, and what keeps it from the person.
 
 use crate::sentences::subject;
-use messages::{FollowingLimit, Status, Subject};
+use messages::{FollowingLimit, Status, Subject, source_flag};
 use robot::Names;
 
 /// Limb error below which the robot counts as being at the person, deg. Nobody sees a smaller one. Assumption.
@@ -21,7 +21,14 @@ pub(crate) fn follows(status: &Status, names: &Names) -> String {
         _ => "The robot",
     };
     let behind = behind_deg(status).map(|degrees| format!(", {degrees:.0} degrees behind{}", limit(status, names)));
-    format!("{who} follows{}.{}", behind.unwrap_or_default(), unseen(status))
+    let [left, right] = source_flag::POLICY.map(|bit| status.sources & bit != 0);
+    let led = match (left, right) {
+        (true, true) => " the policy",
+        (true, false) => " the policy with the left arm, and the person with the right one",
+        (false, true) => " the policy with the right arm, and the person with the left one",
+        (false, false) => "",
+    };
+    format!("{who} follows{led}{}.{}", behind.unwrap_or_default(), unseen(status))
 }
 
 /// Mean angle between the limbs of the robot and of the person, degrees. `None` if nobody sees it.

@@ -1,7 +1,7 @@
 //! The status as JSON.
 
 use crate::sentences;
-use messages::{FAULTS, Faults, Mode, Stamp, Status, Subject};
+use messages::{FAULTS, Faults, Mode, Stamp, Status, Subject, source_flag};
 use robot::Names;
 use serde_json::{Value, json};
 
@@ -89,6 +89,12 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
     let arms = |bits: u32| [(1, "left"), (2, "right")].into_iter().filter(move |(side, _)| bits & side != 0);
     all["left_out"] = arms(status.left_out).map(|(_, name)| name).collect();
     all["unseen"] = arms(status.left_out >> 2).map(|(_, name)| name).collect();
+    let leader = |side: usize| match status.sources {
+        sources if sources & source_flag::PERSON[side] != 0 => Some("person"),
+        sources if sources & source_flag::POLICY[side] != 0 => Some("policy"),
+        _ => None,
+    };
+    all["led_by"] = json!({ "left": leader(0), "right": leader(1) });
     all
 }
 

@@ -4,8 +4,10 @@
 #![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 
 mod authority;
+mod policy;
 
 pub use authority::{Authority, ClientIdentity, Door};
+pub use policy::PolicyState;
 
 use layouts::{LastImage, Layouts, Lengths, Lifter, Map, Noise, NoiseState, Refusal};
 use messages::{RawSkeleton, Stamp};

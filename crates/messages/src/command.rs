@@ -22,6 +22,8 @@ pub mod target_flag {
 pub mod command_flag {
     /// The command is the next point of the plan before it, not a new decision.
     pub const ON_PLAN: u32 = 1;
+    /// Position of the bits of `source_flag`: bits 4 to 7 say who leads each arm.
+    pub const SOURCES_SHIFT: u32 = 4;
 }
 
 /// Bits of `RobotState::flags`.

@@ -20,6 +20,7 @@ mod operator;
 mod payload;
 mod permit;
 mod person_change;
+mod policy;
 mod port;
 mod service;
 mod skeleton;
@@ -39,11 +40,13 @@ pub use joints::{ALL_JOINTS, ARM_JOINTS, JOINTS_MAX, RobotId};
 pub use layout::{FNV_BASIS, Field, Layout, Message, TypeName, fnv};
 pub use motion::JointMotion;
 pub use operator::{
-    EDGES_MAX, HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, OPERATOR_VERSION, OperatorRequest, payload_flag,
+    EDGES_MAX, HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, OPERATOR_VERSION, OperatorRequest, TAKES_OVER,
+    payload_flag,
 };
 pub use payload::{PayloadOrder, PayloadRefusal};
 pub use permit::Permit;
 pub use person_change::PersonChange;
+pub use policy::{CHUNK_ROWS_MAX, ChunkDrop, Joints, PolicyChunk, chunk_flag, joints_flag, source_flag};
 pub use port::{RobotMeasured, RobotSetpoint, measured_flag};
 pub use service::{Domain, SERVICES, Service, ServiceRow};
 pub use skeleton::{

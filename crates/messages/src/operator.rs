@@ -18,6 +18,10 @@ pub const HOLDS_CLUTCH: u32 = 4;
 /// one of them. A change of them while the enable is held is a release.
 pub const LEAVES_OUT: [u32; 2] = [8, 16];
 
+/// Bits of `OperatorRequest::enable_level` while the person leads the policy's left, right arm, with or without one of the
+/// others.
+pub const TAKES_OVER: [u32; 2] = [32, 64];
+
 /// Most edges that one request may count. A larger count comes from a broken counter and not from a person.
 pub const EDGES_MAX: u32 = 1000;
 
@@ -37,8 +41,8 @@ message! {
     pub struct OperatorRequest v 3 size 72 {
         /// `OPERATOR_VERSION`.
         pub version: u32,
-        /// State of the operator's hold: `HOLDS_ENABLE`, `HOLDS_RECOVERY`, or 0 for nothing. `HOLDS_CLUTCH` and
-        /// one of `LEAVES_OUT` are added to it.
+        /// State of the operator's hold: `HOLDS_ENABLE`, `HOLDS_RECOVERY`, or 0 for nothing. `HOLDS_CLUTCH`,
+        /// one of `LEAVES_OUT` and those of `TAKES_OVER` are added to it.
         pub enable_level: u32,
         /// Press edges of the enable or the recovery.
         pub enable_count: u32,

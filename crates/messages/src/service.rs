@@ -33,6 +33,14 @@ pub enum Service {
     RobotMeasured = 8,
     /// `Feedback`, written by `ingest` for any client.
     Feedback = 9,
+    /// `PolicyChunk`, written by any policy.
+    PolicyChunk = 10,
+    /// `PolicyChunk` as `ingest` passes it on.
+    Policy = 11,
+    /// `JointTarget` of the policy, written by `retarget` while one holds its lease.
+    PolicyTarget = 12,
+    /// `Joints`, written by `ingest` for any client.
+    Joints = 13,
 }
 
 /// A row of the service table.
@@ -74,13 +82,13 @@ const fn row(
 const SETPOINTS_KEPT: usize = 640;
 
 /// The one table of services.
-pub const SERVICES: [ServiceRow; 10] = [
+pub const SERVICES: [ServiceRow; 14] = [
     row(Service::RawSkeleton, "teleop/raw_skeleton/1", Domain::Input, "client", 8, 240, 0),
     row(Service::Skeleton, "teleop/skeleton/3", Domain::Core, "ingest", 1, 240, 100),
     row(Service::JointTarget, "teleop/joint_target/7", Domain::Core, "retarget", 1, 1500, 10),
     row(Service::JointCommand, "teleop/joint_command/3", Domain::Core, "control", 1, 1500, 10),
     row(Service::RobotState, "teleop/robot_state/3", Domain::Core, "driver", 1, 1500, 5),
-    row(Service::Status, "teleop/status/10", Domain::Core, "control", 1, 50, 500),
+    row(Service::Status, "teleop/status/11", Domain::Core, "control", 1, 50, 500),
     row(Service::InputStatus, "teleop/input_status/2", Domain::Core, "ingest", 1, 10, 0),
     ServiceRow {
         kept: SETPOINTS_KEPT,
@@ -88,9 +96,22 @@ pub const SERVICES: [ServiceRow; 10] = [
     },
     row(Service::RobotMeasured, "teleop/robot_measured/3", Domain::Core, "robot", 1, 1000, 10),
     row(Service::Feedback, "teleop/feedback/1", Domain::Input, "ingest", 1, 20, 0),
+    row(Service::PolicyChunk, "teleop/policy_chunk/1", Domain::Input, "policy", 8, 240, 0),
+    row(Service::Policy, "teleop/policy/1", Domain::Core, "ingest", 1, 240, 0),
+    row(Service::PolicyTarget, "teleop/policy_target/7", Domain::Core, "retarget", 1, 1500, 10),
+    row(Service::Joints, "teleop/joints/1", Domain::Input, "ingest", 1, 100, 0),
 ];
 
 impl Service {
+    /// Returns the service whose name is that of the message that this one carries: itself, unless two carry one message.
+    pub const fn namesake(self) -> Self {
+        match self {
+            Self::Policy => Self::PolicyChunk,
+            Self::PolicyTarget => Self::JointTarget,
+            own => own,
+        }
+    }
+
     /// Returns the service's row of the table.
     pub const fn row(self) -> &'static ServiceRow {
         &SERVICES[self as usize]

@@ -81,7 +81,7 @@ impl Transition {
 
 message! {
     /// State of the control process.
-    pub struct Status v 10 size 840 {
+    pub struct Status v 11 size 848 {
         /// Writer is `control`.
         pub header: Header,
         /// Tick of this status.
@@ -189,6 +189,10 @@ message! {
         pub left_out: u32,
         /// `InputStatus::lost_permille`, of the last second.
         pub lost_permille: u32,
+        /// Bits of `source_flag`: who leads each arm at this tick. None while the robot follows nobody.
+        pub sources: u32,
+        /// Zero.
+        pub reserved: u32,
     }
 }
 

@@ -2,9 +2,10 @@
 
 use crate::codec::{self, STATUS_BYTES};
 use crate::error::OperatorError;
+use crate::merge::CLUTCHES;
 use messages::{
     HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, Layout, OPERATOR_VERSION, OperatorRequest, PayloadOrder,
-    Status, payload_flag,
+    Status, TAKES_OVER, payload_flag,
 };
 use rustix::io::Errno;
 use rustix::net::{self, RecvFlags, SendFlags};
@@ -71,14 +72,14 @@ impl Client {
     }
 
     fn hold(&mut self, what: u32) -> &mut Self {
-        self.request.enable_level = what | self.request.enable_level & HOLDS_CLUTCH;
+        self.request.enable_level = what | self.request.enable_level & CLUTCHES;
         self.request.enable_count = self.request.enable_count.wrapping_add(1);
         self
     }
 
     /// Releases the enable or the recovery with the next heartbeat. Also withdraws that of another connection.
     pub fn release(&mut self) -> &mut Self {
-        self.request.enable_level &= HOLDS_CLUTCH;
+        self.request.enable_level &= CLUTCHES;
         self.request.release_count = self.request.release_count.wrapping_add(1);
         self
     }
@@ -86,6 +87,13 @@ impl Client {
     /// Holds the clutch from the next heartbeat on, or lets go of it. The robot stands while any client holds it.
     pub fn clutch(&mut self, held: bool) -> &mut Self {
         self.request.enable_level = self.request.enable_level & !HOLDS_CLUTCH | if held { HOLDS_CLUTCH } else { 0 };
+        self
+    }
+
+    /// Lets the person lead the policy's left and right arm from the next heartbeat on, or no longer.
+    pub fn take_over(&mut self, arms: [bool; 2]) -> &mut Self {
+        let bits = (0..2).filter(|&arm| arms[arm]).fold(0, |bits, arm| bits | TAKES_OVER[arm]);
+        self.request.enable_level = self.request.enable_level & !(TAKES_OVER[0] | TAKES_OVER[1]) | bits;
         self
     }
 

@@ -2,6 +2,7 @@
 
 use messages::{
     HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, Layout, Message, OPERATOR_VERSION, OperatorRequest, Status,
+    TAKES_OVER,
 };
 
 /// Length of a request.
@@ -21,7 +22,7 @@ pub fn encode_request(request: &OperatorRequest) -> [u8; REQUEST_BYTES] {
 pub fn decode_request(bytes: &[u8]) -> Option<OperatorRequest> {
     let request = OperatorRequest::from_le_bytes(bytes)?;
     let [left, right] = LEAVES_OUT;
-    let level = request.enable_level & !HOLDS_CLUTCH;
+    let level = request.enable_level & !(HOLDS_CLUTCH | TAKES_OVER[0] | TAKES_OVER[1]);
     let known = level <= HOLDS_RECOVERY || [HOLDS_ENABLE | left, HOLDS_ENABLE | right].contains(&level);
     (request.version == OPERATOR_VERSION && known).then_some(request)
 }

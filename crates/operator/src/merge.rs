@@ -3,7 +3,7 @@
 use crate::locks::{Locks, ResetRule};
 use messages::{
     EDGES_MAX, HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, OperatorRequest, PayloadOrder, Stamp,
-    payload_flag,
+    TAKES_OVER, payload_flag,
 };
 use safety::engage::OperatorView;
 
@@ -12,6 +12,9 @@ pub const CLIENTS_MAX: usize = 16;
 
 /// Age of the holder's heartbeat at which the enable is withdrawn: 100 ms, five heartbeats at 50 Hz.
 pub const LEASE_NS: u64 = 100_000_000;
+
+/// Bits of a level that every connection may hold, with or without the enable.
+pub(crate) const CLUTCHES: u32 = HOLDS_CLUTCH | TAKES_OVER[0] | TAKES_OVER[1];
 
 /// The commands of all operators together. Counters only grow, from the start of the server.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -79,8 +82,8 @@ pub struct Merge {
     pub counts: OperatorCounts,
     /// The connection that holds the enable.
     pub(crate) holder: Option<usize>,
-    /// Last heartbeat of each connection that holds the clutch.
-    clutches: [Option<Stamp>; CLIENTS_MAX],
+    /// `HOLDS_CLUTCH` and bits of `TAKES_OVER` that each connection holds, and its last heartbeat.
+    clutches: [(u32, Stamp); CLIENTS_MAX],
     /// True if a release arrived in this round. It cancels an enable of the same round, whatever the order of the
     /// seats.
     released: bool,
@@ -96,7 +99,7 @@ impl Merge {
             self.lose();
         }
         for index in 0..CLIENTS_MAX {
-            if self.clutches[index].is_some_and(|heard| now.since(heard) > lease_ns) {
+            if now.since(self.clutches[index].1) > lease_ns {
                 self.lose_clutch(index);
             }
         }
@@ -149,7 +152,7 @@ impl Merge {
             // A release of the same request came before the edge, because the level is up.
             self.hold(index, level, u64::from(enables), released_by_another, left_out);
         }
-        self.set_clutch(index, (request.enable_level & HOLDS_CLUTCH != 0).then_some(now));
+        self.set_clutch(index, (request.enable_level & CLUTCHES, now));
         if self.holder == Some(index) {
             self.counts.held.heartbeat_received = now;
         }
@@ -213,16 +216,18 @@ impl Merge {
         *counted += edges;
     }
 
-    fn set_clutch(&mut self, index: usize, heard: Option<Stamp>) {
-        self.clutches[index] = heard;
-        self.counts.held.clutch_level = self.clutches.iter().any(Option::is_some);
+    fn set_clutch(&mut self, index: usize, held: (u32, Stamp)) {
+        self.clutches[index] = held;
+        let all = self.clutches.iter().fold(0, |all, (bits, _)| all | bits);
+        self.counts.held.clutch_level = all & HOLDS_CLUTCH != 0;
+        self.counts.held.takes_over = TAKES_OVER.map(|bit| all & bit != 0);
     }
 
-    /// Handles the loss of a connection that may hold the clutch. Nobody let go of it, so the robot must not follow again by
+    /// Handles the loss of a connection that may hold the clutch or an arm. Nobody let go of it, so the robot must not go on by
     /// itself: the enable is released, too.
     fn lose_clutch(&mut self, index: usize) {
-        if self.clutches[index].is_some() {
-            self.set_clutch(index, None);
+        if self.clutches[index].0 != 0 {
+            self.set_clutch(index, (0, Stamp::NONE));
             self.counts.release_edges += 1;
             self.released = true;
             self.let_go();
@@ -295,6 +300,20 @@ mod tests {
         assert_eq!((view.held.enable_level, view.held.clutch_level, view.release_edges), (true, true, 0));
         let view = clients.send(0, |r| r.enable_level = HOLDS_ENABLE);
         assert_eq!((view.held.enable_level, view.held.clutch_level, view.release_edges), (true, false, 0));
+    }
+
+    #[test]
+    fn arms_are_taken_over_while_any_client_holds_them_and_its_loss_is_a_release() {
+        let mut clients = Clients::new(2);
+        clients.send(0, enable);
+        let view = clients.send(1, |r| r.enable_level = TAKES_OVER[1]);
+        assert_eq!((view.held.enable_level, view.held.takes_over, view.release_edges), (true, [false, true], 0));
+        let view = clients.send(1, |r| r.enable_level = 0);
+        assert_eq!((view.held.enable_level, view.held.takes_over, view.release_edges), (true, [false; 2], 0));
+        clients.send(1, |r| r.enable_level = TAKES_OVER[0]);
+        clients.merge.gone(1);
+        let view = clients.merge.counts;
+        assert_eq!((view.held.enable_level, view.held.takes_over, view.release_edges), (false, [false; 2], 1));
     }
 
     #[test]

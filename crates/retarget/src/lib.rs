@@ -19,6 +19,7 @@ mod model;
 mod network;
 mod oracle;
 mod pointing;
+pub mod policy;
 mod posture;
 mod prediction;
 mod ready;

@@ -5,6 +5,7 @@ mod contact;
 mod kinematics;
 mod limb_trajectory;
 mod network;
+mod policy;
 mod prediction;
 mod rate;
 mod resampling;

@@ -50,6 +50,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         grace_ns: (process.loaded.settings.control.grace_us * 1e3) as u64,
         targets: core.waking_reader(Service::JointTarget).map_err(bus_failure)?,
         states: core.reader(Service::RobotState).map_err(bus_failure)?,
+        policies: core.reader(Service::PolicyTarget).map_err(bus_failure)?,
         ingests: core.reader(Service::InputStatus).map_err(bus_failure)?,
         commands: core.writer(Service::JointCommand).map_err(bus_failure)?,
         statuses: core.writer(Service::Status).map_err(bus_failure)?,
@@ -83,6 +84,7 @@ struct Control {
     edges: OperatorEdges,
     targets: WakingReader<JointTarget>,
     states: Reader<RobotState>,
+    policies: Reader<JointTarget>,
     ingests: Reader<InputStatus>,
     commands: Writer<JointCommand>,
     statuses: Writer<Status>,
@@ -110,6 +112,7 @@ impl Control {
             let input = control::Input {
                 k,
                 target: None,
+                policy: None,
                 robot: Some(&resting),
                 operator: OperatorEdges::default().drain(),
                 ingest: None,
@@ -176,9 +179,11 @@ impl Control {
         let shown = k.is_multiple_of(STATUS_EVERY);
         let ingest = if shown { rt::allocating_aside(|| self.ingests.latest()) } else { None };
         let target = self.target.take();
+        let policy = rt::allocating_aside(|| self.policies.latest());
         let input = control::Input {
             k,
             target: target.as_ref(),
+            policy: policy.as_ref(),
             robot: robot.as_ref(),
             operator: self.edges.drain(),
             ingest: ingest.as_ref(),

@@ -1,29 +1,45 @@
-//! The thread of `ingest` that tells clients about the robot: 20 times a second, on shared memory and through the socket.
-//! The loop never waits for it.
+//! The thread of `ingest` that tells clients about the robot, on shared memory and through the socket: the joints 100 times a
+//! second, and what a person can feel 20 times a second. The loop never waits for it.
 
 use super::bus_failure;
 use bus::{Domain, Reader, Writer};
 use instance::Instance;
 use messages::{
-    Feedback, Header, JointTarget, Layout, RobotState, Service, Stamp, Status, feedback_flag, state_flag, target_flag,
+    ChunkDrop, Feedback, Header, JointTarget, Joints, Layout, RobotState, Service, Stamp, Status, feedback_flag,
+    joints_flag, state_flag, target_flag,
 };
 use retarget::ArmModel;
 use robot::{Model, Names};
 use rt::{Background, Failure};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-/// Period, ns.
-const EVERY_NS: u64 = 50_000_000;
+/// Period of the joints, ns.
+const EVERY_NS: u64 = 10_000_000;
+/// Messages of the joints for each feedback.
+const FEEDBACK_EVERY: u64 = 5;
+/// A chunk that was dropped within this time counts as dropped now, ns.
+const DROPPED_NOW_NS: u64 = 1_000_000_000;
 /// Silence of `control` or of the driver after which nothing is known of it, ns. Status comes 50 times a second.
 const SILENT_NS: u64 = 500_000_000;
 
 /// The newest feedback that the socket has not sent yet.
 type Slot = Mutex<Option<Feedback>>;
 
+/// The newest chunk of a policy that was dropped: time, reason plus one, and number of them.
+#[derive(Default)]
+struct Dropped([AtomicU64; 3]);
+
+impl Dropped {
+    fn is_recent(&self, now: Stamp) -> bool {
+        now.since(Stamp(self.0[0].load(Ordering::Relaxed))) <= DROPPED_NOW_NS
+    }
+}
+
 /// The running thread. It ends, and leaves nothing in shared memory, when this is dropped.
 pub struct FeedbackThread {
     slot: Arc<Slot>,
+    dropped: Arc<Dropped>,
     _thread: Option<Background>,
 }
 
@@ -32,20 +48,32 @@ impl FeedbackThread {
     pub fn take(&self) -> Option<Feedback> {
         self.slot.try_lock().ok()?.take()
     }
+
+    /// Reports that a chunk was dropped, the `count`th one.
+    pub fn drop_chunk(&self, now: Stamp, reason: ChunkDrop, count: u64) {
+        for (place, value) in self.dropped.0.iter().zip([now.0, reason as u64 + 1, count]) {
+            place.store(value, Ordering::Relaxed);
+        }
+    }
+
+    /// Returns true if a chunk was dropped within the last second.
+    pub fn dropped_lately(&self, now: Stamp) -> bool {
+        self.dropped.is_recent(now)
+    }
 }
 
 /// Starts the thread. Skeletons do not depend on it: if it cannot start, for example because a
 /// client has taken the service's place, `ingest` says so and goes on without.
 pub fn start(instance: &Instance, model: Model, header: Header) -> FeedbackThread {
-    let slot = Arc::new(Slot::default());
-    let (own, instance) = (slot.clone(), instance.clone());
+    let (slot, dropped) = (Arc::new(Slot::default()), Arc::new(Dropped::default()));
+    let (own, drops, instance) = (slot.clone(), dropped.clone(), instance.clone());
     let work = move |ends: &AtomicBool| match Ports::open(&instance) {
-        Ok(ports) => run(ports, &model, header, &own, ends),
+        Ok(ports) => run(ports, &model, header, (&own, &drops), ends),
         Err(failure) => tracing::warn!("clients get no feedback: {failure}"),
     };
     let thread = Background::start("feedback", work);
     let thread = thread.map_err(|error| tracing::warn!("clients get no feedback: {error}")).ok();
-    FeedbackThread { slot, _thread: thread }
+    FeedbackThread { slot, dropped, _thread: thread }
 }
 
 /// The thread's ends of the services. They must stay in the thread that opened them.
@@ -53,6 +81,8 @@ struct Ports {
     statuses: Reader<Status>,
     states: Reader<RobotState>,
     targets: Reader<JointTarget>,
+    policies: Reader<JointTarget>,
+    joints: Writer<Joints>,
     feedback: Writer<Feedback>,
     _domains: [Domain; 2],
 }
@@ -65,22 +95,26 @@ impl Ports {
             statuses: core.reader(Service::Status).map_err(bus_failure)?,
             states: core.reader(Service::RobotState).map_err(bus_failure)?,
             targets: core.reader(Service::JointTarget).map_err(bus_failure)?,
+            policies: core.reader(Service::PolicyTarget).map_err(bus_failure)?,
+            joints: input.writer(Service::Joints).map_err(bus_failure)?,
             feedback: input.writer(Service::Feedback).map_err(bus_failure)?,
             _domains: [core, input],
         })
     }
 }
 
-fn run(mut ports: Ports, model: &Model, mut header: Header, slot: &Slot, ends: &AtomicBool) {
+fn run(mut ports: Ports, model: &Model, mut header: Header, (slot, drops): (&Slot, &Dropped), ends: &AtomicBool) {
     let (arm, names) = (ArmModel::from_model(model), Names::from_model(model));
     let (mut status, mut state, mut target) = (None::<Status>, None::<RobotState>, None::<JointTarget>);
-    let mut due = rt::now();
+    let mut policy = None::<JointTarget>;
+    let (mut due, mut round) = (rt::now(), 0);
     while !ends.load(Ordering::Acquire) {
-        due = due.max(rt::now()).plus_ns(EVERY_NS);
+        (due, round) = (due.max(rt::now()).plus_ns(EVERY_NS), round + 1);
         rt::sleep_until(due);
         status = ports.statuses.latest().or(status);
         state = ports.states.latest().or(state);
         target = ports.targets.latest().or(target);
+        policy = ports.policies.latest().or(policy);
         let now = rt::now();
         let fresh = |header: &Header| now.since(header.stamp) <= SILENT_NS;
         let (status, state, target) = (
@@ -94,6 +128,20 @@ fn run(mut ports: Ports, model: &Model, mut header: Header, slot: &Slot, ends: &
                 fresh(&target.header) && target.robot == model.id() && target.flags & target_flag::INPUT_FRESH != 0
             }),
         );
+        (header.sequence, header.stamp) = (header.sequence + 1, now);
+        header.origin = state.map_or(Stamp::NONE, |state| state.header.origin);
+        let policy = policy.as_ref().filter(|policy| fresh(&policy.header) && policy.session_nonce != 0);
+        let mut joints = joints(model, status, state, policy);
+        joints.header = header;
+        if drops.is_recent(now) {
+            joints.chunk_dropped_why = drops.0[1].load(Ordering::Relaxed) as u32;
+        }
+        joints.chunks_dropped = drops.0[2].load(Ordering::Relaxed);
+        // Nobody may listen. The next one comes in 10 ms.
+        let _ = ports.joints.publish(&joints);
+        if round % FEEDBACK_EVERY != 0 {
+            continue;
+        }
         let mut feedback = state.map_or(Feedback::ZERO, |state| control::feedback(model, &arm, state, target));
         if let Some(status) = status {
             feedback.known |= feedback_flag::STATUS;
@@ -101,13 +149,31 @@ fn run(mut ports: Ports, model: &Model, mut header: Header, slot: &Slot, ends: &
             feedback.speed_scale = status.speed_scale as f32;
             feedback.set_sentence(&explain::why(status, &names));
         }
-        (header.sequence, header.stamp) = (header.sequence + 1, now);
-        header.origin = state.map_or(Stamp::NONE, |state| state.header.origin);
         feedback.header = header;
-        // Nobody may listen. The next one comes in 50 ms.
         let _ = ports.feedback.publish(&feedback);
         if let Ok(mut newest) = slot.lock() {
             *newest = Some(feedback);
         }
     }
+}
+
+/// The joints of a robot as clients get them, without the header.
+fn joints(model: &Model, status: Option<&Status>, state: Option<&RobotState>, policy: Option<&JointTarget>) -> Joints {
+    let mut joints = Joints { robot: model.id(), ..Joints::ZERO };
+    if let Some(status) = status {
+        (joints.mode, joints.sources) = (status.mode, status.sources);
+        joints.known |= joints_flag::STATUS;
+    }
+    let Some(state) = state else { return joints };
+    joints.known |= joints_flag::STATE;
+    joints.k = state.executed_k.saturating_add(state.plan_ticks_played);
+    (joints.commanded, joints.commanded_v) = (state.q, state.v);
+    (joints.measured, joints.measured_v) = (state.q_measured, state.dq_measured);
+    if let Some(policy) = policy {
+        joints.known |= joints_flag::POLICY;
+        for j in (0..model.count).filter(|j| policy.valid_mask & 1 << j != 0) {
+            joints.short_of[j] = policy.q[j] - state.q[j];
+        }
+    }
+    joints
 }

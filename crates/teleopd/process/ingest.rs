@@ -1,13 +1,16 @@
 //! Takes skeletons from clients and publishes those that pass validation. One client holds the lease. Clients of
 //! the daemon's own user connect by shared memory, other users' clients by a socket.
 
+use super::feedback::FeedbackThread;
 use super::{Process, bus_failure, door_group};
 use crate::cli::InstanceArgs;
 use bus::{Domain, PublisherId, Sample, WakingReader, Writer};
 use config::{HandOff, Operators};
 use doors::{Bucket, DoorError, FrameSource, LeaseState, Reply, Server, SocketEvent, draw_nonce};
-use ingest::{Authority, ClientIdentity};
-use messages::{InputStatus, Layout, RawSkeleton, Service, Skeleton, Stamp, TICK_HZ, deadline, tick_at};
+use ingest::{Authority, ClientIdentity, PolicyState};
+use messages::{
+    InputStatus, Layout, PolicyChunk, RawSkeleton, RobotId, Service, Skeleton, Stamp, TICK_HZ, deadline, tick_at,
+};
 use rt::{Exit, Failure};
 use serde_json::json;
 use skeleton::DropReason;
@@ -30,6 +33,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let input = Domain::open(process.instance.input_domain(), "ingest").map_err(bus_failure)?;
     let core = Domain::open(process.instance.core_domain(), "ingest").map_err(bus_failure)?;
     let mut clients = input.waking_reader::<RawSkeleton>(Service::RawSkeleton).map_err(bus_failure)?;
+    let mut chunks = input.reader::<PolicyChunk>(Service::PolicyChunk).map_err(bus_failure)?;
     let skeletons = core.writer::<Skeleton>(Service::Skeleton).map_err(bus_failure)?;
     let statuses = core.writer::<InputStatus>(Service::InputStatus).map_err(bus_failure)?;
     // Opened last. The socket belongs to this process, because it is now the only writer of skeletons.
@@ -59,6 +63,15 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         dropped: Dropped::since(rt::now()),
         statuses,
         status: InputStatus::ZERO,
+        policy: PolicyDoor {
+            authority: Authority::default(),
+            session_nonce: 0,
+            quotas: Quotas::default(),
+            state: PolicyState::default(),
+            robot: process.loaded.model.id(),
+            chunks: core.writer(Service::Policy).map_err(bus_failure)?,
+            sequence: 0,
+        },
     };
     let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
     process.ready()?;
@@ -73,10 +86,16 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         }
         let now = rt::now();
         ingest_loop.authority.look(now);
+        ingest_loop.policy.authority.look(now);
         let held = ingest_loop.authority.is_held(now, ingest_loop.timeout_ns);
         socket.poll(now, held, |from, frame| ingest_loop.receive_packet(&mut process, from, frame));
         rt::allocating_aside(|| {
             clients.drain(|sample| rt::allocating_ourselves(|| ingest_loop.receive_sample(&mut process, &sample)))
+        });
+        rt::allocating_aside(|| {
+            chunks.drain(|sample| {
+                rt::allocating_ourselves(|| ingest_loop.receive_chunk(&mut process, &feedback, &sample))
+            })
         });
         if let Some(feedback) = feedback.take() {
             socket.feed_back(&feedback);
@@ -140,6 +159,19 @@ struct IngestLoop {
     dropped: Dropped,
     statuses: Writer<InputStatus>,
     status: InputStatus,
+    policy: PolicyDoor,
+}
+
+/// The door of policies, with a lease of its own.
+struct PolicyDoor {
+    authority: Authority,
+    /// Session of the lease, drawn at random here, as that of the skeletons.
+    session_nonce: u64,
+    quotas: Quotas,
+    state: PolicyState,
+    robot: RobotId,
+    chunks: Writer<PolicyChunk>,
+    sequence: u64,
 }
 
 /// Nanoseconds in a second.
@@ -235,6 +267,37 @@ impl IngestLoop {
         true
     }
 
+    /// Passes on a chunk of the policy that holds the lease.
+    fn receive_chunk(&mut self, process: &mut Process, feedback: &FeedbackThread, sample: &Sample<PolicyChunk>) {
+        let (now, door, raw) = (rt::now(), &mut self.policy, &sample.message);
+        let (pid, port) = (sample.process, sample.publisher.0);
+        let door_name = ingest::Door::SharedMemory;
+        let claim = ClientIdentity { door: door_name, uid: self.uid, pid, port, session_nonce: raw.session_nonce };
+        let grants = door.authority.grants();
+        if !door.quotas.admits(now, sample.publisher) || !door.authority.admits_claim(now, claim, self.timeout_ns) {
+            return;
+        }
+        if door.authority.grants() != grants {
+            door.session_nonce = draw_nonce();
+            process.probe.event(Event::Lease { door: "policies", uid: claim.uid, pid });
+        }
+        match door.state.judge(door.robot, now, raw) {
+            Ok(chunk) => {
+                door.sequence += 1;
+                let header = process.header(door.sequence, rt::now(), chunk.header.origin);
+                let chunk = PolicyChunk { header, session_nonce: door.session_nonce, ..chunk };
+                process.publish(&mut door.chunks, &chunk);
+            }
+            Err(reason) => {
+                if !feedback.dropped_lately(now) {
+                    let (name, meaning) = (reason.name(), reason.meaning());
+                    process.probe.event(Event::Dropped { frames: 1, reason: name, meaning });
+                }
+                feedback.drop_chunk(now, reason, door.state.counts()[1]);
+            }
+        }
+    }
+
     /// Reads the operators' files again. This happens when a lease begins, while no robot moves. New measurements
     /// of operators take effect now. If the folder cannot be read, nothing changes.
     fn reread_operators(&mut self, process: &mut Process) {
@@ -296,6 +359,7 @@ impl IngestLoop {
             "leases": self.authority.grants(),
             "holder": holder,
             "connections": counted(words),
+            "chunks": { "accepted": self.policy.state.counts()[0], "dropped": self.policy.state.counts()[1] },
         })
     }
 }

@@ -4,7 +4,7 @@ use super::{Process, WARM_TICKS, bus_failure};
 use crate::cli::InstanceArgs;
 use crate::timeline::Timeline;
 use bus::Domain;
-use messages::{JointTarget, Service, Skeleton, deadline};
+use messages::{JointTarget, PolicyChunk, Service, Skeleton, deadline};
 use rt::{Exit, Failure, PeriodicLoop};
 use serde_json::json;
 use telemetry::Metric;
@@ -15,6 +15,11 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let core = Domain::open(process.instance.core_domain(), "retarget").map_err(bus_failure)?;
     let mut skeletons = core.reader::<Skeleton>(Service::Skeleton).map_err(bus_failure)?;
     let mut targets = core.writer::<JointTarget>(Service::JointTarget).map_err(bus_failure)?;
+    let mut chunks = core.reader::<PolicyChunk>(Service::Policy).map_err(bus_failure)?;
+    let mut led = core.writer::<JointTarget>(Service::PolicyTarget).map_err(bus_failure)?;
+    let silent_ns = (process.loaded.settings.ingest.authority_timeout_ms * 1e6) as u64;
+    let policy_config = retarget::policy::Config::new(&process.loaded.model, silent_ns);
+    let (mut policy, mut leads) = (Box::<retarget::policy::State>::default(), false);
 
     let mut state = retarget::State::default();
     let mut warm = state.clone();
@@ -30,6 +35,17 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         let skeleton = rt::allocating_aside(|| skeletons.latest());
         if let Some(skeleton) = &skeleton {
             process.probe.record(Metric::IngestToRetarget, skeleton.header.stamp, tick.woke);
+        }
+        let chunk = rt::allocating_aside(|| chunks.latest());
+        if leads || chunk.is_some() {
+            let mut target = retarget::policy::tick(&policy_config, &mut policy, tick.woke, tick.k, chunk.as_ref());
+            // The last one says that the policy is gone.
+            leads = target.session_nonce != 0;
+            let stamp = rt::now();
+            target.header = process.header(sequence + 1, stamp, target.header.origin);
+            if !process.is_old(tick.k, stamp) {
+                process.publish(&mut led, &target);
+            }
         }
         let mut target =
             retarget::tick(&config, &mut state, tick.woke, retarget::Input { k: tick.k, skeleton: skeleton.as_ref() })

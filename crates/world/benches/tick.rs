@@ -25,7 +25,8 @@ struct Received {
 impl Received {
     fn tick(&self, config: &Config, state: &mut State) -> Mode {
         let (target, robot) = (self.target.as_ref(), self.robot.as_ref());
-        let input = Input { k: self.k, target, robot, operator: self.operator, ingest: None, realtime_ok: true };
+        let input =
+            Input { k: self.k, target, policy: None, robot, operator: self.operator, ingest: None, realtime_ok: true };
         let mode = control::tick(config, state, self.now, input).status.mode;
         Mode::from_u32(mode).expect("a mode")
     }

@@ -7,8 +7,12 @@ use crate::tamper::{Tamper, Untampered};
 use bus::{FaultCounts, FaultPlan, Faulty, Latest, Publish};
 use config::{ConfigError, Loaded};
 use driver::DriveInput;
-use ingest::Authority;
-use messages::{Header, JOINTS_MAX, JointCommand, JointTarget, RawSkeleton, RobotState, Skeleton, Stamp, deadline};
+use ingest::{Authority, PolicyState};
+use messages::{
+    ChunkDrop, Header, JOINTS_MAX, JointCommand, JointTarget, PolicyChunk, RawSkeleton, RobotState, Skeleton, Stamp,
+    deadline,
+};
+use retarget::policy;
 use safety::engage::OperatorView;
 
 /// Virtual time from a tick's deadline to its target, its command, and its execution, ns. The order is that of the
@@ -38,6 +42,7 @@ impl Incarnations {
 pub struct WorldConfig {
     input: ingest::Config,
     retarget: retarget::Config,
+    policy: policy::Config,
     /// Configuration of the control tick.
     pub control: control::Config,
     robot: simulated::Config,
@@ -56,6 +61,7 @@ impl WorldConfig {
                 loaded.lifter.clone(),
             ),
             retarget: crate::retarget_config(loaded)?,
+            policy: policy::Config::new(&loaded.model, (loaded.settings.ingest.authority_timeout_ms * 1e6) as u64),
             control: crate::control_config(loaded, true)?,
             robot: simulated_config(loaded, false)?,
             config_hash: loaded.hash,
@@ -120,6 +126,9 @@ pub struct World {
     /// On the heap, as the two below: a stack of 2 MiB holds few copies of a world.
     retarget: Box<retarget::State>,
     retarget_header: Header,
+    /// The policy, once one has published. It has one client and no faulty links.
+    policy: Option<Box<(PolicyState, policy::State)>>,
+    chunk: Option<Box<PolicyChunk>>,
     control: Box<control::State>,
     robot: Box<simulated::State>,
     driver_header: Header,
@@ -169,6 +178,8 @@ impl World {
             skeleton_header: header(&mut incarnations),
             retarget: Box::default(),
             retarget_header: header(&mut incarnations),
+            policy: None,
+            chunk: None,
             control: Box::new(control::State::new(&config.control, incarnations.draw())),
             robot: Box::new(simulated::State::new(&config.robot, FIRST_TICK - 1, seed)),
             driver_header: header(&mut incarnations),
@@ -194,6 +205,17 @@ impl World {
     /// Publishes a client's frame now.
     pub fn publish(&mut self, raw: &RawSkeleton) {
         let _ = self.raw.publish(raw);
+    }
+
+    /// Publishes a policy's chunk now.
+    ///
+    /// # Errors
+    /// Returns the reason for which `ingest` drops it.
+    pub fn publish_chunk(&mut self, config: &WorldConfig, chunk: &PolicyChunk) -> Result<(), ChunkDrop> {
+        let now = self.now();
+        let (state, _) = &mut **self.policy.get_or_insert_default();
+        self.chunk = Some(Box::new(state.judge(config.control.model.id(), now, chunk)?));
+        Ok(())
     }
 
     /// Changes the faults of the links.
@@ -311,7 +333,8 @@ impl World {
         let (mut target_seen, mut state_seen, mut control) = (None, None, None);
         if running.control {
             (target_seen, state_seen) = (self.targets.latest(), self.states.latest());
-            let seen = (target_seen.as_ref(), state_seen.as_ref());
+            let policy = self.lead(config, start.plus_ns(TARGET_AFTER_NS));
+            let seen = (target_seen.as_ref(), policy.as_ref(), state_seen.as_ref());
             control = Some(self.control(config, command_at, operator, seen, tamper));
         }
         let execution_at = start.plus_ns(EXECUTION_AFTER_NS);
@@ -356,15 +379,24 @@ impl World {
         target
     }
 
+    /// The policy's target of this tick.
+    fn lead(&mut self, config: &WorldConfig, now: Stamp) -> Option<JointTarget> {
+        let (_, state) = &mut **self.policy.as_mut()?;
+        let mut target = policy::tick(&config.policy, state, now, self.k, self.chunk.take().as_deref());
+        target.header = Header { stamp: now, origin: target.header.origin, ..self.retarget_header };
+        Some(target)
+    }
+
     fn control(
         &mut self,
         config: &WorldConfig,
         now: Stamp,
         operator: &OperatorView,
-        (target, robot): (Option<&JointTarget>, Option<&RobotState>),
+        (target, policy, robot): (Option<&JointTarget>, Option<&JointTarget>, Option<&RobotState>),
         tamper: &mut impl Tamper,
     ) -> control::Output {
-        let input = control::Input { k: self.k, target, robot, operator: *operator, ingest: None, realtime_ok: true };
+        let input =
+            control::Input { k: self.k, target, policy, robot, operator: *operator, ingest: None, realtime_ok: true };
         let out = control::tick(&config.control, &mut self.control, now, input);
         if let Some(mut command) = out.command
             && tamper.command(&mut command)

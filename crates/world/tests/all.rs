@@ -13,6 +13,7 @@ mod lift;
 mod one_arm;
 mod overrides;
 mod payload;
+mod policy;
 mod recovery;
 mod reduced;
 mod robot_faults;

@@ -243,6 +243,7 @@ impl Stages {
         let input = control::Input {
             k: inputs.k,
             target: target.as_ref(),
+            policy: None,
             robot: state.as_ref(),
             operator: inputs.operator,
             ingest: None,

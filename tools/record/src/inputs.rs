@@ -38,6 +38,8 @@ impl Inputs {
                 "recover_edge": operator.recover_edge,
                 "left_arm_left_out": operator.left_out[0],
                 "right_arm_left_out": operator.left_out[1],
+                "takes_over_left": operator.takes_over[0],
+                "takes_over_right": operator.takes_over[1],
                 "clutch_level": operator.clutch_level,
                 "release_edge": operator.release_edge,
                 "reset_edge": operator.reset_edge,
@@ -71,6 +73,7 @@ impl Inputs {
                 recover_edge: bit("recover_edge")?,
                 // Older recordings have neither these nor the clutch.
                 left_out: ["left_arm_left_out", "right_arm_left_out"].map(|key| bit(key).unwrap_or_default()),
+                takes_over: ["takes_over_left", "takes_over_right"].map(|key| bit(key).unwrap_or_default()),
                 clutch_level: bit("clutch_level").unwrap_or_default(),
                 release_edge: bit("release_edge")?,
                 reset_edge: bit("reset_edge")?,

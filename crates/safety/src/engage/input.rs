@@ -17,6 +17,8 @@ pub struct OperatorView {
     pub recover_edge: bool,
     /// The left and the right arm stay where they are while the enable is held. The state machine does not use them.
     pub left_out: [bool; 2],
+    /// The person leads the policy's left and right arm. The state machine does not use them.
+    pub takes_over: [bool; 2],
     /// The clutch is held, by any connection.
     pub clutch_level: bool,
     /// The operator requested a release since the last tick.

@@ -199,6 +199,7 @@ impl Bench {
         let input = control::Input {
             k: self.k,
             target: target.as_ref(),
+            policy: None,
             robot: robot.as_ref(),
             operator: self.hand,
             ingest: None,

@@ -2,7 +2,7 @@
 
 use messages::{
     HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, Layout, OPERATOR_VERSION, OperatorRequest, PayloadOrder,
-    payload_flag,
+    TAKES_OVER, payload_flag,
 };
 use operator::OperatorCounts;
 
@@ -61,6 +61,8 @@ impl Heartbeat {
         request.enable_level = held(counts.held.enable_level, HOLDS_ENABLE)
             | held(counts.held.enable_level && left, LEAVES_OUT[0])
             | held(counts.held.enable_level && right && !left, LEAVES_OUT[1])
+            | held(counts.held.takes_over[0], TAKES_OVER[0])
+            | held(counts.held.takes_over[1], TAKES_OVER[1])
             | held(counts.held.recover_level && !counts.held.enable_level, HOLDS_RECOVERY)
             | held(counts.held.clutch_level, HOLDS_CLUTCH);
         for hand in 0..2 {

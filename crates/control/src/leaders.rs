@@ -1,0 +1,100 @@
+//! Who leads each arm while a policy holds its lease: the policy, or the person who took the arm over. A person leads from
+//! where the arm stands: the target is q_person + (q_command - q_person) with the difference of the moment of the takeover.
+//! When the person lets go, the arm stays until the policy sends a chunk that rests on a later observation.
+
+use messages::{JOINTS_MAX, JointTarget, Stamp, target_flag};
+use robot::Model;
+
+/// The leader of one arm.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Leader {
+    #[default]
+    Policy,
+    Person,
+    /// The policy, once it has observed the arm after this time.
+    PolicyAfter(Stamp),
+}
+
+/// The leaders of both arms.
+#[derive(Clone, Debug)]
+pub(super) struct Leaders {
+    arms: [Leader; 2],
+    /// Session of the person who leads, as it was at the takeover. Another person leads nothing.
+    pub(super) person: u64,
+    /// The command less the person's target at the takeover, rad or m.
+    offset: [f64; JOINTS_MAX],
+    /// Positions of the joints that nobody leads, rad or m.
+    rest: [f64; JOINTS_MAX],
+}
+
+impl Default for Leaders {
+    fn default() -> Self {
+        Self { arms: [Leader::Policy; 2], person: 0, offset: [0.0; JOINTS_MAX], rest: [0.0; JOINTS_MAX] }
+    }
+}
+
+impl Leaders {
+    /// Decides who leads at this tick. `q` is the command of the last tick. While the robot follows nobody, joints rest where
+    /// they are, and a person who leads begins from there.
+    pub(super) fn update(
+        &mut self,
+        model: &Model,
+        now: Stamp,
+        (person, policy): (Option<&JointTarget>, &JointTarget),
+        takes_over: [bool; 2],
+        (q, follows): (&[f64; JOINTS_MAX], bool),
+    ) {
+        if !follows {
+            self.rest = *q;
+        }
+        for (side, takes) in takes_over.into_iter().enumerate() {
+            let leader = self.arms[side];
+            let begins = takes && (leader != Leader::Person || !follows);
+            if begins || leader == Leader::Person {
+                for j in model.arms[side].range() {
+                    self.rest[j] = q[j];
+                    if begins {
+                        self.offset[j] = q[j] - person.map_or(0.0, |person| person.q[j]);
+                        self.person = person.map_or(0, |person| person.session_nonce);
+                    }
+                }
+            }
+            self.arms[side] = match leader {
+                _ if takes => Leader::Person,
+                Leader::Person if follows => Leader::PolicyAfter(now),
+                Leader::PolicyAfter(since) if follows && policy.header.origin < since => leader,
+                _ => Leader::Policy,
+            };
+        }
+    }
+
+    /// The arms that a person leads.
+    pub(super) fn taken(&self) -> [bool; 2] {
+        self.arms.map(|arm| arm == Leader::Person)
+    }
+
+    /// The target of this tick: the policy's joints, those of the arms that the person leads, and all others at rest.
+    pub(super) fn target(&self, model: &Model, person: Option<&JointTarget>, policy: &JointTarget) -> JointTarget {
+        let mut target = JointTarget { q: self.rest, dq: [0.0; JOINTS_MAX], ..*policy };
+        target.valid_mask = (1 << model.count) - 1;
+        let arm = |j: usize| (0..2).find(|&side| model.arms[side].range().contains(&j));
+        for j in 0..model.count {
+            let (leads, offset) = match arm(j).map(|side| self.arms[side]) {
+                Some(Leader::Person) => (person, self.offset[j]),
+                Some(Leader::PolicyAfter(_)) => (None, 0.0),
+                _ => (Some(policy), 0.0),
+            };
+            if let Some(leads) = leads.filter(|leads| leads.valid_mask & 1 << j != 0) {
+                (target.q[j], target.dq[j]) = (leads.q[j] + offset, leads.dq[j]);
+            }
+        }
+        for side in (0..2).filter(|&side| self.arms[side] == Leader::Person) {
+            let Some(person) = person else { continue };
+            target.header.origin = person.header.origin;
+            target.human_limbs[2 * side..2 * side + 2].copy_from_slice(&person.human_limbs[2 * side..2 * side + 2]);
+            target.closure[side] = person.closure[side];
+            target.flags = target.flags & !target_flag::CLOSURE[side] | person.flags & target_flag::CLOSURE[side];
+        }
+        target
+    }
+}

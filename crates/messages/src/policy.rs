@@ -1,0 +1,141 @@
+//! Messages of a policy, and of programs that watch the joints: chunks of joint targets in, the joints out.
+
+use crate::joints::{JOINTS_MAX, RobotId};
+use crate::layout::message;
+use crate::time::{Header, Stamp};
+
+/// The most rows of one chunk. Published action chunks have 8 to 100 rows.
+pub const CHUNK_ROWS_MAX: usize = 100;
+
+/// Bits of `PolicyChunk::flags`.
+pub mod chunk_flag {
+    /// `v` is filled. Without it, the velocities are those of a curve through the rows.
+    pub const VELOCITIES: u32 = 1;
+    /// The closure of the left, the right gripper is filled. Without it, the gripper holds what it holds.
+    pub const CLOSURE: [u32; 2] = [2, 4];
+}
+
+/// Bits that say who leads an arm, in `Status::sources` and `Joints::sources`.
+pub mod source_flag {
+    /// A person leads the left, the right arm.
+    pub const PERSON: [u32; 2] = [1, 2];
+    /// A policy leads the left, the right arm.
+    pub const POLICY: [u32; 2] = [4, 8];
+}
+
+message! {
+    /// Joint targets of a policy: row i is due at `start` + i * `period_ns`. A newer chunk replaces an older one from its
+    /// own start on.
+    pub struct PolicyChunk v 1 size 20104 {
+        /// `origin` is the time at which the robot was observed. The rows rest on that observation.
+        pub header: Header,
+        /// Random number that the program draws at its start.
+        pub session_nonce: u64,
+        /// The robot whose joints these are, as `Joints::robot` names it.
+        pub robot: RobotId,
+        /// Time at which `ingest` received the chunk. A client leaves it zero.
+        pub received: Stamp,
+        /// Time of the first row.
+        pub start: Stamp,
+        /// Time from one row to the next, ns.
+        pub period_ns: u64,
+        /// Number of rows that are filled.
+        pub rows: u32,
+        /// Bit j: joint j of the rows is valid. A joint without its bit stays where it is.
+        pub valid_mask: u32,
+        /// Bits of `chunk_flag`.
+        pub flags: u32,
+        /// Zero.
+        pub reserved: u32,
+        /// Joint positions, rad or m.
+        pub q: [[f32; JOINTS_MAX]; CHUNK_ROWS_MAX],
+        /// Joint velocities, rad/s or m/s.
+        pub v: [[f32; JOINTS_MAX]; CHUNK_ROWS_MAX],
+        /// Closures of the left and the right gripper, from 0 (open) to 1 (closed).
+        pub closure: [[f32; 2]; CHUNK_ROWS_MAX],
+    }
+}
+
+crate::named! {
+    /// Reason for which `ingest` drops a chunk.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(u32)]
+    pub enum ChunkDrop {
+        /// The chunk is for another robot.
+        Robot = 0 => "other_robot",
+        /// Rows, period or joints are out of bounds.
+        Shape = 1 => "shape",
+        /// A value is not finite, or outside every joint's range.
+        Value = 2 => "value",
+        /// Sequence or stamp do not grow.
+        Order = 3 => "order",
+        /// The chunk is over already, or rests on an observation that is too old.
+        Old = 4 => "old",
+        /// The chunk begins too late, or was observed in the future.
+        Future = 5 => "future",
+    }
+}
+
+impl ChunkDrop {
+    /// Returns the meaning and the remedy, with the bounds.
+    pub const fn meaning(self) -> &'static str {
+        match self {
+            Self::Robot => "it is for another robot; copy `robot` from the newest `Joints`",
+            Self::Shape => "1 to 100 rows, 5 to 1000 ms apart, of at least one joint of the robot are allowed",
+            Self::Value => "a position or velocity is not finite or beyond 10 turns; send radians and metres",
+            Self::Order => "sequence and stamp must grow within a session; count on, or begin a new session",
+            Self::Old => {
+                "its last row is over, or comes more than 10 s after its observation; send shorter chunks sooner"
+            }
+            Self::Future => "its start is more than 1 s ahead, or its observation is; stamp with CLOCK_MONOTONIC in ns",
+        }
+    }
+
+    /// Returns the reason with this number plus one.
+    pub fn from_code(code: u32) -> Option<Self> {
+        code.checked_sub(1).and_then(|index| Self::ALL.get(index as usize).copied())
+    }
+}
+
+/// Bits of `Joints::known`.
+pub mod joints_flag {
+    /// The driver publishes a state: `commanded` and `measured` mean something.
+    pub const STATE: u32 = 1;
+    /// `control` publishes its status: mode and sources mean something.
+    pub const STATUS: u32 = 2;
+    /// A policy holds its lease: `short_of` means something.
+    pub const POLICY: u32 = 4;
+}
+
+message! {
+    /// The joints of the robot, 100 times a second, for policies and for programs that watch.
+    pub struct Joints v 1 size 1048 {
+        /// `stamp` says how old it is. `origin` is that of the executed command.
+        pub header: Header,
+        /// The robot whose joints these are.
+        pub robot: RobotId,
+        /// Index of the executed command.
+        pub k: u64,
+        /// A `Mode`.
+        pub mode: u32,
+        /// Bits of `source_flag`.
+        pub sources: u32,
+        /// Bits of `joints_flag`.
+        pub known: u32,
+        /// Reason plus one for which the newest chunk was dropped, if that was within the last second: a `ChunkDrop`.
+        pub chunk_dropped_why: u32,
+        /// Chunks that were dropped since start.
+        pub chunks_dropped: u64,
+        /// Executed joint positions, rad or m.
+        pub commanded: [f64; JOINTS_MAX],
+        /// Executed joint velocities, rad/s or m/s.
+        pub commanded_v: [f64; JOINTS_MAX],
+        /// Measured joint positions, rad or m.
+        pub measured: [f64; JOINTS_MAX],
+        /// Measured joint velocities, rad/s or m/s.
+        pub measured_v: [f64; JOINTS_MAX],
+        /// Position that the policy asks for less the executed one, rad or m: what limits and certificate took away, and the
+        /// lag of the arm. Zero for a joint without a policy.
+        pub short_of: [f64; JOINTS_MAX],
+    }
+}
