@@ -1,7 +1,7 @@
 //! Tests clients in other languages, from the folder that users get, against the real processes.
 
 use harness::{Killed, Rig, SHORT_HOLD, in_real_time, repository, soon, wait_until};
-use messages::Mode;
+use messages::{Mode, source_flag};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -86,6 +86,30 @@ fn camera_client_with_a_video_moves_the_robot() {
         let _script = Killed(script.expect("it starts"));
         operator.engage_until(Mode::Engaging);
         observer.wait_moving();
+    });
+}
+
+/// The first program of the book's chapter on policies leads an arm, and its end stops the robot.
+#[test]
+fn f138_policy_of_the_book_leads_until_it_ends() {
+    let book = std::fs::read_to_string(repository().join("docs/src/policies.md")).expect("the chapter");
+    let program = book.split("```python\n").nth(1).and_then(|rest| rest.split("```").next()).expect("a program");
+    let program = format!("import sys\n{}", program.replace("Policy(joints", "Policy(sys.argv[1], joints"));
+    in_real_time(|| {
+        let Some(python) = python_or_skip() else { return };
+        let mut rig = Rig::whole();
+        let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
+        let script = Command::new(&python).args(["-c", &program]).arg(rig.folder()).stdin(Stdio::null()).spawn();
+        let script = Killed(script.expect("it starts"));
+        operator.engage_until(Mode::Engaged);
+        let before = observer.wait("there", |_| true);
+        observer.wait_moved(&before, 0.05);
+        let both = source_flag::POLICY[0] | source_flag::POLICY[1];
+        operator.wait("led by the policy", |status| status.sources == both);
+        drop(script);
+        operator.wait_stopped();
+        rig.end("control");
+        rig.end_without_violations();
     });
 }
 

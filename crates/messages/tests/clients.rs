@@ -2,16 +2,17 @@
 //! test writes them from the field tables and compares them with the stored files.
 
 use messages::{
-    Feedback, Header, HingeCalibration, LIMBS, Layout, Message, Mode, RAW_JOINTS_MAX, RawSkeleton, Service, raw_flag,
+    CHUNK_ROWS_MAX, ChunkDrop, Feedback, Header, HingeCalibration, JOINTS_MAX, Joints, LIMBS, Layout, Message, Mode,
+    PolicyChunk, RAW_JOINTS_MAX, RawSkeleton, RobotId, SENTENCE_BYTES, Service, SkeletonLayout, calibration_flag,
+    chunk_flag, feedback_flag, joints_flag, raw_flag, source_flag,
 };
-use messages::{SENTENCE_BYTES, SkeletonLayout, calibration_flag, feedback_flag};
 use std::fmt::Write;
 
 const PYTHON: &str = "/../../tools/clients/python/teleopd_client/layout.py";
 const C: &str = "/../../tools/clients/c/teleopd.h";
 
 /// Names, values and meanings of the numbers that a frame holds.
-const NUMBERS: [(&str, u64, &str); 25] = [
+const NUMBERS: [(&str, u64, &str); 37] = [
     ("RAW_JOINTS_MAX", RAW_JOINTS_MAX as u64, "the most joints that a frame can carry"),
     ("LIMBS", LIMBS as u64, "left upper arm, left forearm, right upper arm, right forearm"),
     ("LAYOUT_SMPL22", SkeletonLayout::Smpl22 as u64, "SMPL-22, metres, x forward, y left, z up"),
@@ -53,6 +54,18 @@ const NUMBERS: [(&str, u64, &str); 25] = [
     ("FEEDBACK_GRIPPER_LEFT", feedback_flag::GRIPPER[0] as u64, "the left gripper is measured"),
     ("FEEDBACK_GRIPPER_RIGHT", feedback_flag::GRIPPER[1] as u64, "the right gripper is measured"),
     ("CALIBRATION_ALL", calibration_flag::ALL as u64, "all four hinges of the calibration are valid"),
+    ("JOINTS_MAX", JOINTS_MAX as u64, "the most joints of a robot"),
+    ("CHUNK_ROWS_MAX", CHUNK_ROWS_MAX as u64, "the most rows of a policy's chunk"),
+    ("CHUNK_VELOCITIES", chunk_flag::VELOCITIES as u64, "the chunk has velocities"),
+    ("CHUNK_CLOSURE_LEFT", chunk_flag::CLOSURE[0] as u64, "the chunk has the left gripper"),
+    ("CHUNK_CLOSURE_RIGHT", chunk_flag::CLOSURE[1] as u64, "the chunk has the right gripper"),
+    ("JOINTS_STATE", joints_flag::STATE as u64, "the robot's state is known"),
+    ("JOINTS_STATUS", joints_flag::STATUS as u64, "mode and sources are known"),
+    ("JOINTS_POLICY", joints_flag::POLICY as u64, "a policy holds its lease"),
+    ("SOURCE_PERSON_LEFT", source_flag::PERSON[0] as u64, "a person leads the left arm"),
+    ("SOURCE_PERSON_RIGHT", source_flag::PERSON[1] as u64, "a person leads the right arm"),
+    ("SOURCE_POLICY_LEFT", source_flag::POLICY[0] as u64, "a policy leads the left arm"),
+    ("SOURCE_POLICY_RIGHT", source_flag::POLICY[1] as u64, "a policy leads the right arm"),
 ];
 
 const C_CLOSURE: &str = "
@@ -73,6 +86,10 @@ static inline uint32_t teleop_with_closure(uint32_t flags, float left, float rig
 ";
 
 const FEEDBACK: &str = "State of the robot for the person who drives it. Directions: torso, x forward, y left, z up.";
+
+const ROBOT: &str = "The robot that a message is about.";
+const CHUNK: &str = "Joint targets of a policy: row i is due at start + i * period_ns. Positions in rad or m.";
+const JOINTS: &str = "The joints of the robot, 100 times a second, in rad, m and s.";
 
 /// Returns the innermost type of a field, and the array lengths, outermost first.
 fn taken_apart(ty: &str) -> (&str, Vec<&str>) {
@@ -95,6 +112,7 @@ fn python_class<M: Message>(out: &mut String, what: &str) {
             "u32" => "ctypes.c_uint32",
             "u64" | "Stamp" => "ctypes.c_uint64",
             "f32" => "ctypes.c_float",
+            "f64" => "ctypes.c_double",
             own => own,
         };
         // The innermost count comes first in ctypes.
@@ -125,6 +143,15 @@ fn python() -> String {
     let feedback = Service::Feedback.row().name;
     writeln!(out, "#: name of the service that tells clients about the robot\nFEEDBACK_SERVICE = \"{feedback}\"")
         .unwrap();
+    let (chunks, joints) = (Service::PolicyChunk.row().name, Service::Joints.row().name);
+    writeln!(out, "#: name of the service that policies write\nPOLICY_SERVICE = \"{chunks}\"").unwrap();
+    writeln!(out, "#: name of the service that has the joints\nJOINTS_SERVICE = \"{joints}\"").unwrap();
+    let drops = ChunkDrop::ALL.map(|drop| format!("    \"{}: {}\",\n", drop.name(), drop.meaning())).concat();
+    writeln!(
+        out,
+        "#: reasons for which a chunk is dropped: `Joints.chunk_dropped_why` less one\nCHUNK_DROPS = (\n{drops})"
+    )
+    .unwrap();
     writeln!(out, "#: frames a second that a client may publish at most\nRATE_MAX_HZ = {}", row.rate_hz).unwrap();
     python_class::<Header>(&mut out, "What every message begins with. Times are CLOCK_MONOTONIC, ns.");
     python_class::<HingeCalibration>(
@@ -133,6 +160,9 @@ fn python() -> String {
     );
     python_class::<RawSkeleton>(&mut out, "A frame of a person.");
     python_class::<Feedback>(&mut out, FEEDBACK);
+    python_class::<RobotId>(&mut out, ROBOT);
+    python_class::<PolicyChunk>(&mut out, CHUNK);
+    python_class::<Joints>(&mut out, JOINTS);
     out
 }
 
@@ -157,6 +187,7 @@ fn c_struct<M: Message>(out: &mut String, what: &str) {
             "u32" => "uint32_t".to_owned(),
             "u64" | "Stamp" => "uint64_t".to_owned(),
             "f32" => "float".to_owned(),
+            "f64" => "double".to_owned(),
             own => c_name(own),
         };
         let count = |count: &&str| {
@@ -189,6 +220,9 @@ fn c() -> String {
     for mode in Mode::ALL {
         writeln!(out, "#define TELEOP_MODE_{} {}", mode.name().to_uppercase(), mode as u32).unwrap();
     }
+    let (chunks, joints) = (Service::PolicyChunk.row().name, Service::Joints.row().name);
+    writeln!(out, "/* the service that policies write, and the one that has the joints */").unwrap();
+    writeln!(out, "#define TELEOP_POLICY_SERVICE \"{chunks}\"\n#define TELEOP_JOINTS_SERVICE \"{joints}\"").unwrap();
     let feedback = Service::Feedback.row().name;
     writeln!(
         out,
@@ -204,6 +238,9 @@ fn c() -> String {
     );
     c_struct::<RawSkeleton>(&mut out, "A frame of a person.");
     c_struct::<Feedback>(&mut out, FEEDBACK);
+    c_struct::<RobotId>(&mut out, ROBOT);
+    c_struct::<PolicyChunk>(&mut out, CHUNK);
+    c_struct::<Joints>(&mut out, JOINTS);
     out.push_str(C_CLOSURE);
     out.push_str("\n#endif\n");
     out

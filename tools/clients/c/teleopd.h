@@ -62,12 +62,39 @@
 #define TELEOP_FEEDBACK_GRIPPER_RIGHT 8
 /* all four hinges of the calibration are valid */
 #define TELEOP_CALIBRATION_ALL 15
+/* the most joints of a robot */
+#define TELEOP_JOINTS_MAX 24
+/* the most rows of a policy's chunk */
+#define TELEOP_CHUNK_ROWS_MAX 100
+/* the chunk has velocities */
+#define TELEOP_CHUNK_VELOCITIES 1
+/* the chunk has the left gripper */
+#define TELEOP_CHUNK_CLOSURE_LEFT 2
+/* the chunk has the right gripper */
+#define TELEOP_CHUNK_CLOSURE_RIGHT 4
+/* the robot's state is known */
+#define TELEOP_JOINTS_STATE 1
+/* mode and sources are known */
+#define TELEOP_JOINTS_STATUS 2
+/* a policy holds its lease */
+#define TELEOP_JOINTS_POLICY 4
+/* a person leads the left arm */
+#define TELEOP_SOURCE_PERSON_LEFT 1
+/* a person leads the right arm */
+#define TELEOP_SOURCE_PERSON_RIGHT 2
+/* a policy leads the left arm */
+#define TELEOP_SOURCE_POLICY_LEFT 4
+/* a policy leads the right arm */
+#define TELEOP_SOURCE_POLICY_RIGHT 8
 #define TELEOP_MODE_DISENGAGED 0
 #define TELEOP_MODE_ENGAGING 1
 #define TELEOP_MODE_ENGAGED 2
 #define TELEOP_MODE_HOLDING 3
 #define TELEOP_MODE_FAULTED 4
 #define TELEOP_MODE_RECOVERING 5
+/* the service that policies write, and the one that has the joints */
+#define TELEOP_POLICY_SERVICE "teleop/policy_chunk/1"
+#define TELEOP_JOINTS_SERVICE "teleop/joints/1"
 /* the service that tells clients about the robot */
 #define TELEOP_FEEDBACK_SERVICE "teleop/feedback/1"
 /* the service that clients write, and the one that wakes its reader */
@@ -161,6 +188,82 @@ TELEOP_ASSERT(offsetof(teleop_feedback, closure) == 108, "closure");
 TELEOP_ASSERT(offsetof(teleop_feedback, force_n) == 116, "force_n");
 TELEOP_ASSERT(offsetof(teleop_feedback, sentence_bytes) == 124, "sentence_bytes");
 TELEOP_ASSERT(offsetof(teleop_feedback, sentence) == 128, "sentence");
+
+/* The robot that a message is about. */
+typedef struct teleop_robot_id {
+    uint64_t hash;
+    uint32_t joint_count;
+    uint32_t reserved;
+} teleop_robot_id;
+#define TELEOP_ROBOT_ID_TYPE_NAME "teleop.RobotId.v1.41c6f16b2eb09755"
+TELEOP_ASSERT(sizeof(teleop_robot_id) == 16, "teleop_robot_id");
+TELEOP_ASSERT(offsetof(teleop_robot_id, hash) == 0, "hash");
+TELEOP_ASSERT(offsetof(teleop_robot_id, joint_count) == 8, "joint_count");
+TELEOP_ASSERT(offsetof(teleop_robot_id, reserved) == 12, "reserved");
+
+/* Joint targets of a policy: row i is due at start + i * period_ns. Positions in rad or m. */
+typedef struct teleop_policy_chunk {
+    teleop_header header;
+    uint64_t session_nonce;
+    teleop_robot_id robot;
+    uint64_t received;
+    uint64_t start;
+    uint64_t period_ns;
+    uint32_t rows;
+    uint32_t valid_mask;
+    uint32_t flags;
+    uint32_t reserved;
+    float q[TELEOP_CHUNK_ROWS_MAX][TELEOP_JOINTS_MAX];
+    float v[TELEOP_CHUNK_ROWS_MAX][TELEOP_JOINTS_MAX];
+    float closure[TELEOP_CHUNK_ROWS_MAX][2];
+} teleop_policy_chunk;
+#define TELEOP_POLICY_CHUNK_TYPE_NAME "teleop.PolicyChunk.v1.81b56ee2e4a9d87e"
+TELEOP_ASSERT(sizeof(teleop_policy_chunk) == 20104, "teleop_policy_chunk");
+TELEOP_ASSERT(offsetof(teleop_policy_chunk, header) == 0, "header");
+TELEOP_ASSERT(offsetof(teleop_policy_chunk, session_nonce) == 40, "session_nonce");
+TELEOP_ASSERT(offsetof(teleop_policy_chunk, robot) == 48, "robot");
+TELEOP_ASSERT(offsetof(teleop_policy_chunk, received) == 64, "received");
+TELEOP_ASSERT(offsetof(teleop_policy_chunk, start) == 72, "start");
+TELEOP_ASSERT(offsetof(teleop_policy_chunk, period_ns) == 80, "period_ns");
+TELEOP_ASSERT(offsetof(teleop_policy_chunk, rows) == 88, "rows");
+TELEOP_ASSERT(offsetof(teleop_policy_chunk, valid_mask) == 92, "valid_mask");
+TELEOP_ASSERT(offsetof(teleop_policy_chunk, flags) == 96, "flags");
+TELEOP_ASSERT(offsetof(teleop_policy_chunk, reserved) == 100, "reserved");
+TELEOP_ASSERT(offsetof(teleop_policy_chunk, q) == 104, "q");
+TELEOP_ASSERT(offsetof(teleop_policy_chunk, v) == 9704, "v");
+TELEOP_ASSERT(offsetof(teleop_policy_chunk, closure) == 19304, "closure");
+
+/* The joints of the robot, 100 times a second, in rad, m and s. */
+typedef struct teleop_joints {
+    teleop_header header;
+    teleop_robot_id robot;
+    uint64_t k;
+    uint32_t mode;
+    uint32_t sources;
+    uint32_t known;
+    uint32_t chunk_dropped_why;
+    uint64_t chunks_dropped;
+    double commanded[TELEOP_JOINTS_MAX];
+    double commanded_v[TELEOP_JOINTS_MAX];
+    double measured[TELEOP_JOINTS_MAX];
+    double measured_v[TELEOP_JOINTS_MAX];
+    double short_of[TELEOP_JOINTS_MAX];
+} teleop_joints;
+#define TELEOP_JOINTS_TYPE_NAME "teleop.Joints.v1.365b95fb8b788bcd"
+TELEOP_ASSERT(sizeof(teleop_joints) == 1048, "teleop_joints");
+TELEOP_ASSERT(offsetof(teleop_joints, header) == 0, "header");
+TELEOP_ASSERT(offsetof(teleop_joints, robot) == 40, "robot");
+TELEOP_ASSERT(offsetof(teleop_joints, k) == 56, "k");
+TELEOP_ASSERT(offsetof(teleop_joints, mode) == 64, "mode");
+TELEOP_ASSERT(offsetof(teleop_joints, sources) == 68, "sources");
+TELEOP_ASSERT(offsetof(teleop_joints, known) == 72, "known");
+TELEOP_ASSERT(offsetof(teleop_joints, chunk_dropped_why) == 76, "chunk_dropped_why");
+TELEOP_ASSERT(offsetof(teleop_joints, chunks_dropped) == 80, "chunks_dropped");
+TELEOP_ASSERT(offsetof(teleop_joints, commanded) == 88, "commanded");
+TELEOP_ASSERT(offsetof(teleop_joints, commanded_v) == 280, "commanded_v");
+TELEOP_ASSERT(offsetof(teleop_joints, measured) == 472, "measured");
+TELEOP_ASSERT(offsetof(teleop_joints, measured_v) == 664, "measured_v");
+TELEOP_ASSERT(offsetof(teleop_joints, short_of) == 856, "short_of");
 
 /* A frame's flags with the closure of the left and of the right hand, 0 (open) to 1 (closed). NAN for a hand that is not
  * known. */

@@ -12,6 +12,7 @@ with a frame is dropped and counted by the daemon, which stops the robot if no g
 """
 
 import ctypes
+import json
 import math
 import os
 import random
@@ -24,7 +25,7 @@ import iceoryx2
 
 from . import layout as _layout
 from .layout import *  # noqa: F403
-from .layout import LAYOUT_SMPL22, RAW_JOINTS_MAX, Feedback, HingeCalibration, RawSkeleton
+from .layout import LAYOUT_SMPL22, RAW_JOINTS_MAX, Feedback, HingeCalibration, Joints, PolicyChunk, RawSkeleton
 
 #: the folder of an instance that was given none
 DEFAULT_RUN_DIR = "/tmp/teleopd"
@@ -203,37 +204,186 @@ def lease_is_held(run_dir=DEFAULT_RUN_DIR):
         return False
 
 
-class FeedbackReader:
-    """Reads what the robot does, for a display, a glove or a headset that vibrates.
+class _Reader:
+    """Reads the newest message of a service of the input domain."""
 
-    run_dir: the `--run-dir` of `teleopd up`. Raises TeleopdError if the daemon does not run, or another version.
-    """
-
-    def __init__(self, run_dir=DEFAULT_RUN_DIR):
+    def __init__(self, run_dir, service, message):
         self._node, run_dir = _node(run_dir)
+        self._message = message
         try:
-            name = iceoryx2.ServiceName.new(_layout.FEEDBACK_SERVICE)
-            data = self._node.service_builder(name).publish_subscribe(Feedback).open()
+            data = self._node.service_builder(iceoryx2.ServiceName.new(service)).publish_subscribe(message).open()
             self._subscriber = data.subscriber_builder().create()
         except Exception as error:
-            raise _no_instance(error, run_dir, "read", Feedback) from error
+            raise _no_instance(error, run_dir, "read", message) from error
 
     def latest(self):
-        """The newest `Feedback` that was not read before, or None. It comes 20 times a second.
+        """The newest message that was not read before, or None.
 
-        Its fields are those of layout.py: angles in rad, lengths in m, forces in N. `sentence(feedback)` is its text. `known`
-        says which of them mean something. `header.stamp` is its time (`time.monotonic_ns()`); nothing comes from a daemon that
-        has ended.
+        Its fields are those of layout.py. `known` says which of them mean something. `header.stamp` is its time
+        (`time.monotonic_ns()`); nothing comes from a daemon that has ended.
         """
         newest = None
         while (sample := self._subscriber.receive()) is not None:
-            newest = Feedback.from_buffer_copy(bytes(sample.payload().contents))
+            newest = self._message.from_buffer_copy(bytes(sample.payload().contents))
             sample.delete()
         return newest
 
     def close(self):
         """Leaves."""
         self._subscriber.delete()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+
+class FeedbackReader(_Reader):
+    """Reads what the robot does, for a display, a glove or a headset that vibrates: a `Feedback`, 20 times a second, with
+    angles in rad, lengths in m, forces in N. `sentence(feedback)` is its text.
+
+    run_dir: the `--run-dir` of `teleopd up`. Raises TeleopdError if the daemon does not run, or another version.
+    """
+
+    def __init__(self, run_dir=DEFAULT_RUN_DIR):
+        super().__init__(run_dir, _layout.FEEDBACK_SERVICE, Feedback)
+
+
+class JointsReader(_Reader):
+    """Reads the joints, commanded and measured, and who leads each arm: a `Joints`, 100 times a second.
+
+    run_dir: the `--run-dir` of `teleopd up`. Raises TeleopdError if the daemon does not run, or another version.
+    """
+
+    def __init__(self, run_dir=DEFAULT_RUN_DIR):
+        super().__init__(run_dir, _layout.JOINTS_SERVICE, Joints)
+        self.names = joint_names(run_dir)
+
+
+def joint_names(run_dir=DEFAULT_RUN_DIR):
+    """Names of the robot's joints, in the order of every message."""
+    try:
+        with open(os.path.join(run_dir, "names.json"), encoding="utf-8") as file:
+            return list(json.load(file)["joints"])
+    except (OSError, KeyError, ValueError) as error:
+        raise TeleopdError(f"{run_dir}: the names of the joints cannot be read ({error}): does `teleopd up` run there?") from error
+
+
+class Policy:
+    """A program that leads the robot by joint targets, under an operator's enable.
+
+    run_dir: the `--run-dir` of `teleopd up`. joints: names or indices of the columns of its rows; a joint that it does not
+    name stays where it is. Everything that it asks for is followed within the limits, certified, and checked by the gate.
+
+        with Policy(joints=["arm_left_1_joint"]) as policy:
+            state = policy.observe()                 # Joints: commanded, measured, mode, sources, short_of
+            policy.publish(rows, rate_hz=20)         # (1 to 100, joints), rad or m
+
+    The first policy that publishes holds the lease of policies. Raises TeleopdError if the daemon does not run, or another
+    version.
+    """
+
+    def __init__(self, run_dir=DEFAULT_RUN_DIR, joints=None):
+        self._reader = JointsReader(run_dir)
+        self.names = self._reader.names
+        given = range(len(self.names)) if joints is None else joints
+        unknown = [name for name in given if isinstance(name, str) and name not in self.names]
+        if unknown:
+            raise ValueError(f"joints: {unknown[0]} is none of {', '.join(self.names)}")
+        self.joints = [self.names.index(joint) if isinstance(joint, str) else int(joint) for joint in given]
+        if len(set(self.joints)) != len(self.joints) or not all(0 <= j < len(self.names) for j in self.joints):
+            raise ValueError(f"joints: {self.joints}: each once, 0 to {len(self.names) - 1}")
+        self._node, run_dir = _node(run_dir)
+        try:
+            name = iceoryx2.ServiceName.new(_layout.POLICY_SERVICE)
+            data = self._node.service_builder(name).publish_subscribe(PolicyChunk).open()
+            # The service that wakes `ingest`.
+            event = self._node.service_builder(iceoryx2.ServiceName.new(_layout.EVENT_SERVICE)).event().open()
+            publisher = data.publisher_builder().backpressure_strategy(iceoryx2.BackpressureStrategy.DiscardData)
+            self._publisher = publisher.create()
+            self._notifier = event.notifier_builder().create()
+        except Exception as error:
+            raise _no_instance(error, run_dir, "publish", PolicyChunk) from error
+        self._chunk = PolicyChunk()
+        self._chunk.session_nonce = random.SystemRandom().getrandbits(64) or 1
+        self._chunk.header.incarnation = random.SystemRandom().getrandbits(32)
+        self._state = None
+
+    def observe(self, within_s=2.0):
+        """The newest `Joints`. Waits up to `within_s` for the first one. Chunks that are published next rest on it."""
+        give_up = time.monotonic() + within_s
+        while True:
+            self._state = self._reader.latest() or self._state
+            if self._state is not None and self._state.known & _layout.JOINTS_STATE:
+                return self._state
+            if time.monotonic() > give_up:
+                raise TeleopdError("no joints came: does the driver run, and does it measure?")
+            time.sleep(0.002)
+
+    def publish(self, rows, rate_hz, start_ns=None, velocities=None, closure=(None, None)):
+        """Publishes a chunk; answers its sequence number.
+
+        rows: 1 to 100 rows of joint positions (rad, m), a column for each of `joints`. rate_hz: rows a second, 1 to 200.
+        start_ns: time of the first row on CLOCK_MONOTONIC; by default now, and for a single row a period from now, so that a
+        stream of single rows is a polyline. velocities: as rows; without them a curve through the rows has its own.
+        closure: for the left and the right gripper a number for each row, 0 (open) to 1 (closed), or None.
+
+        The chunk replaces the one before from its start on. It rests on the last `observe()`: after a person has led an arm,
+        a chunk counts only if that was later. Raises ValueError for rows that no chunk has.
+        """
+        if self._state is None:
+            self.observe()
+        chunk, count = self._chunk, len(rows)
+        if not 1 <= count <= _layout.CHUNK_ROWS_MAX:
+            raise ValueError(f"rows: {count}: must be 1 to {_layout.CHUNK_ROWS_MAX}")
+        if not 1.0 <= rate_hz <= 200.0:
+            raise ValueError(f"rate_hz: {rate_hz}: must be 1 to 200")
+        chunk.robot = self._state.robot
+        chunk.rows, chunk.period_ns, chunk.flags, chunk.valid_mask = count, round(1e9 / rate_hz), 0, 0
+        for j in self.joints:
+            chunk.valid_mask |= 1 << j
+        self._fill(chunk.q, rows, "rows", count)
+        if velocities is not None:
+            chunk.flags |= _layout.CHUNK_VELOCITIES
+            self._fill(chunk.v, velocities, "velocities", count)
+        for hand, values in enumerate(closure):
+            if values is not None:
+                if len(values) != count or not all(0.0 <= value <= 1.0 for value in values):
+                    raise ValueError(f"closure[{hand}]: {count} numbers from 0 to 1 expected")
+                chunk.flags |= (_layout.CHUNK_CLOSURE_LEFT, _layout.CHUNK_CLOSURE_RIGHT)[hand]
+                for i, value in enumerate(values):
+                    chunk.closure[i][hand] = value
+        now = time.monotonic_ns()
+        chunk.start = start_ns if start_ns is not None else now + (chunk.period_ns if count == 1 else 0)
+        chunk.header.sequence += 1
+        chunk.header.stamp = now
+        chunk.header.origin = self._state.header.stamp
+        try:
+            self._publisher.send_copy(chunk)
+            self._notifier.notify()
+        except Exception as error:
+            raise TeleopdError(f"chunk {chunk.header.sequence} was not sent: {type(error).__name__}: {error}") from error
+        return chunk.header.sequence
+
+    def dropped(self):
+        """Why the newest chunk was dropped within the last second, or None."""
+        state = self.observe()
+        return _layout.CHUNK_DROPS[state.chunk_dropped_why - 1] if state.chunk_dropped_why else None
+
+    def _fill(self, into, rows, what, count):
+        if len(rows) != count:
+            raise ValueError(f"{what}: {len(rows)} rows for {count}")
+        for i, row in enumerate(rows):
+            if len(row) != len(self.joints):
+                raise ValueError(f"{what}[{i}]: {len(row)} numbers for {len(self.joints)} joints")
+            for j, value in zip(self.joints, row, strict=True):
+                into[i][j] = value
+
+    def close(self):
+        """Leaves; the robot stops where the last chunk ends."""
+        for port in (self._publisher, self._notifier, self._reader):
+            port.close() if isinstance(port, _Reader) else port.delete()
 
     def __enter__(self):
         return self

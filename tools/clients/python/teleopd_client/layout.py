@@ -52,6 +52,30 @@ FEEDBACK_GRIPPER_LEFT = 4
 FEEDBACK_GRIPPER_RIGHT = 8
 #: all four hinges of the calibration are valid
 CALIBRATION_ALL = 15
+#: the most joints of a robot
+JOINTS_MAX = 24
+#: the most rows of a policy's chunk
+CHUNK_ROWS_MAX = 100
+#: the chunk has velocities
+CHUNK_VELOCITIES = 1
+#: the chunk has the left gripper
+CHUNK_CLOSURE_LEFT = 2
+#: the chunk has the right gripper
+CHUNK_CLOSURE_RIGHT = 4
+#: the robot's state is known
+JOINTS_STATE = 1
+#: mode and sources are known
+JOINTS_STATUS = 2
+#: a policy holds its lease
+JOINTS_POLICY = 4
+#: a person leads the left arm
+SOURCE_PERSON_LEFT = 1
+#: a person leads the right arm
+SOURCE_PERSON_RIGHT = 2
+#: a policy leads the left arm
+SOURCE_POLICY_LEFT = 4
+#: a policy leads the right arm
+SOURCE_POLICY_RIGHT = 8
 #: name of the service that clients write
 SERVICE = "teleop/raw_skeleton/1"
 #: name of the service that wakes its reader
@@ -60,6 +84,19 @@ EVENT_SERVICE = "teleop/raw_skeleton/1/event"
 MODES = ("Disengaged", "Engaging", "Engaged", "Holding", "Faulted", "Recovering")
 #: name of the service that tells clients about the robot
 FEEDBACK_SERVICE = "teleop/feedback/1"
+#: name of the service that policies write
+POLICY_SERVICE = "teleop/policy_chunk/1"
+#: name of the service that has the joints
+JOINTS_SERVICE = "teleop/joints/1"
+#: reasons for which a chunk is dropped: `Joints.chunk_dropped_why` less one
+CHUNK_DROPS = (
+    "other_robot: it is for another robot; copy `robot` from the newest `Joints`",
+    "shape: 1 to 100 rows, 5 to 1000 ms apart, of at least one joint of the robot are allowed",
+    "value: a position or velocity is not finite or beyond 10 turns; send radians and metres",
+    "order: sequence and stamp must grow within a session; count on, or begin a new session",
+    "old: its last row is over, or comes more than 10 s after its observation; send shorter chunks sooner",
+    "future: its start is more than 1 s ahead, or its observation is; stamp with CLOCK_MONOTONIC in ns",
+)
 #: frames a second that a client may publish at most
 RATE_MAX_HZ = 240
 
@@ -154,3 +191,77 @@ class Feedback(ctypes.Structure):
 
 
 assert ctypes.sizeof(Feedback) == 384
+
+
+class RobotId(ctypes.Structure):
+    """The robot that a message is about."""
+
+    _fields_ = [
+        ("hash", ctypes.c_uint64),
+        ("joint_count", ctypes.c_uint32),
+        ("reserved", ctypes.c_uint32),
+    ]
+
+    @staticmethod
+    def type_name():
+        """The name under which the transport knows the layout."""
+        return "teleop.RobotId.v1.41c6f16b2eb09755"
+
+
+assert ctypes.sizeof(RobotId) == 16
+
+
+class PolicyChunk(ctypes.Structure):
+    """Joint targets of a policy: row i is due at start + i * period_ns. Positions in rad or m."""
+
+    _fields_ = [
+        ("header", Header),
+        ("session_nonce", ctypes.c_uint64),
+        ("robot", RobotId),
+        ("received", ctypes.c_uint64),
+        ("start", ctypes.c_uint64),
+        ("period_ns", ctypes.c_uint64),
+        ("rows", ctypes.c_uint32),
+        ("valid_mask", ctypes.c_uint32),
+        ("flags", ctypes.c_uint32),
+        ("reserved", ctypes.c_uint32),
+        ("q", (ctypes.c_float * JOINTS_MAX) * CHUNK_ROWS_MAX),
+        ("v", (ctypes.c_float * JOINTS_MAX) * CHUNK_ROWS_MAX),
+        ("closure", (ctypes.c_float * 2) * CHUNK_ROWS_MAX),
+    ]
+
+    @staticmethod
+    def type_name():
+        """The name under which the transport knows the layout."""
+        return "teleop.PolicyChunk.v1.81b56ee2e4a9d87e"
+
+
+assert ctypes.sizeof(PolicyChunk) == 20104
+
+
+class Joints(ctypes.Structure):
+    """The joints of the robot, 100 times a second, in rad, m and s."""
+
+    _fields_ = [
+        ("header", Header),
+        ("robot", RobotId),
+        ("k", ctypes.c_uint64),
+        ("mode", ctypes.c_uint32),
+        ("sources", ctypes.c_uint32),
+        ("known", ctypes.c_uint32),
+        ("chunk_dropped_why", ctypes.c_uint32),
+        ("chunks_dropped", ctypes.c_uint64),
+        ("commanded", ctypes.c_double * JOINTS_MAX),
+        ("commanded_v", ctypes.c_double * JOINTS_MAX),
+        ("measured", ctypes.c_double * JOINTS_MAX),
+        ("measured_v", ctypes.c_double * JOINTS_MAX),
+        ("short_of", ctypes.c_double * JOINTS_MAX),
+    ]
+
+    @staticmethod
+    def type_name():
+        """The name under which the transport knows the layout."""
+        return "teleop.Joints.v1.365b95fb8b788bcd"
+
+
+assert ctypes.sizeof(Joints) == 1048
