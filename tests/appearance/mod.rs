@@ -1,6 +1,5 @@
 //! Tests the page's appearance in a browser, by the pixels and by the page's own data about its picture.
 
-mod animation;
 mod meshes;
 mod robots;
 mod sharpness;
