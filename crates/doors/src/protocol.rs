@@ -75,32 +75,23 @@ messages::named! {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[repr(u32)]
     pub enum Reply {
-        /// Frames are taken. The reply carries the session number. No session holds the lease at the moment.
-        Granted = 1 => "granted",
-        /// The same as `Granted`, but another client holds the lease.
-        GrantedButHeld = 2 => "granted_but_held",
-        /// This client holds the lease.
-        Holder = 3 => "holder",
-        /// Another client holds the lease, or held it when this session began. This client's frames are ignored.
-        NotHolder = 4 => "not_holder",
-        /// The client sends more frames than the rate. Only the newest are used.
-        OverQuota = 5 => "over_quota",
-        /// All places are taken.
-        Full = 16 => "full",
-        /// The client is neither the daemon's user nor in the group of the socket.
-        Forbidden = 17 => "forbidden",
-        /// The first packet is no hello.
-        NoHello = 18 => "no_hello",
-        /// The client sent no hello in time.
-        Late = 19 => "late",
-        /// The client uses another version or layout of the frame.
-        OtherLayout = 20 => "other_layout",
-        /// A packet does not have the length of a frame.
-        WrongSize = 21 => "wrong_size",
-        /// A frame carries a session number that was not given to this connection.
-        ForgedSession = 22 => "forged_session",
-        /// The client was silent for long, and another client needed the place.
-        Idle = 23 => "idle",
+        /// The reply carries the session number. No session holds the lease at the moment.
+        Granted = 1 => "granted": "frames are accepted",
+        GrantedButHeld = 2 => "granted_but_held": "frames are accepted, but another client holds the lease",
+        Holder = 3 => "holder": "this client holds the lease",
+        /// This client's frames are ignored.
+        NotHolder = 4 => "not_holder":
+            "another client holds the lease, or held it when this session began; connect again after it has left",
+        OverQuota = 5 => "over_quota": "more than 250 frames a second; only the newest are used",
+        Full = 16 => "full": "all connections are in use",
+        Forbidden = 17 => "forbidden":
+            "not allowed; only the daemon's user and members of the socket's group may connect",
+        NoHello = 18 => "no_hello": "the first packet is not a hello of this protocol",
+        Late = 19 => "late": "no hello arrived within 1 s",
+        OtherLayout = 20 => "other_layout": "the frame's layout differs: client and daemon have different versions",
+        WrongSize = 21 => "wrong_size": "a packet does not have a frame's length",
+        ForgedSession = 22 => "forged_session": "a frame has a session number that this connection was not given",
+        Idle = 23 => "idle": "this connection was idle for long, and another client needed it",
     }
 }
 
@@ -108,27 +99,6 @@ impl Reply {
     /// Returns true if the connection ends with this reply.
     pub fn is_refusal(self) -> bool {
         self as u32 >= Self::Full as u32
-    }
-
-    /// Returns the meaning in words, for the user.
-    pub fn meaning(self) -> &'static str {
-        match self {
-            Self::Granted => "frames are accepted",
-            Self::GrantedButHeld => "frames are accepted, but another client holds the lease",
-            Self::Holder => "this client holds the lease",
-            Self::NotHolder => {
-                "another client holds the lease, or held it when this session began; connect again after it has left"
-            }
-            Self::OverQuota => "more than 250 frames a second; only the newest are used",
-            Self::Full => "all connections are in use",
-            Self::Forbidden => "not allowed; only the daemon's user and members of the socket's group may connect",
-            Self::NoHello => "the first packet is not a hello of this protocol",
-            Self::Late => "no hello arrived within 1 s",
-            Self::OtherLayout => "the frame's layout differs: client and daemon have different versions",
-            Self::WrongSize => "a packet does not have a frame's length",
-            Self::ForgedSession => "a frame has a session number that this connection was not given",
-            Self::Idle => "this connection was idle for long, and another client needed it",
-        }
     }
 }
 

@@ -60,10 +60,6 @@ fn unseen(status: &Status) -> &'static str {
 
 /// Name in reports of the limit that keeps the command from the person.
 pub(crate) fn limit_name(status: &Status) -> Option<&'static str> {
-    match FollowingLimit::from_u32(status.limited_why) {
-        FollowingLimit::None => None,
-        FollowingLimit::Speed => Some("speed"),
-        FollowingLimit::Clearance => Some("clearance"),
-        FollowingLimit::Range => Some("range"),
-    }
+    let limit = FollowingLimit::from_u32(status.limited_why);
+    (limit != FollowingLimit::None).then(|| limit.name())
 }

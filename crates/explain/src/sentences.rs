@@ -20,27 +20,20 @@ const TARGET_SILENT_MS: f64 = 50.0;
 /// A frame that is younger than this was just received, ms: those of the slowest allowed client are 50 ms apart.
 const INPUT_SEEN_MS: f64 = 100.0;
 
-/// Severity of a sentence.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Severity {
-    /// Information.
-    Note,
-    /// The robot slowed down, held or was released.
-    Warning,
-    /// The robot was stopped, or a command was denied.
-    Error,
+messages::named! {
+    /// Severity of a sentence.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+    pub enum Severity {
+        /// Information.
+        Note => "note",
+        /// The robot slowed down, held or was released.
+        Warning => "warning",
+        /// The robot was stopped, or a command was denied.
+        Error => "error",
+    }
 }
 
 impl Severity {
-    /// Name in reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Note => "note",
-            Self::Warning => "warning",
-            Self::Error => "error",
-        }
-    }
-
     fn from_fault(fault: Fault) -> Self {
         match fault.row().response {
             Response::Inhibit => Self::Note,

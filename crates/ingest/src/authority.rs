@@ -9,23 +9,15 @@ const REFUSED_KEPT: usize = 32;
 /// `ingest` runs at least ten times a second. If more time passes between two rounds, `ingest` was suspended, ns.
 const SLEPT_NS: u64 = 200_000_000;
 
-/// Way by which a client's frames arrive.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Door {
-    /// The input domain in shared memory, for the daemon's own user.
-    #[default]
-    SharedMemory,
-    /// The skeleton socket, for other users.
-    Socket,
-}
-
-impl Door {
-    /// Name in logs and reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::SharedMemory => "shared memory",
-            Self::Socket => "socket",
-        }
+messages::named! {
+    /// Way by which a client's frames arrive.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub enum Door {
+        /// The input domain in shared memory, for the daemon's own user.
+        #[default]
+        SharedMemory => "shared memory",
+        /// The skeleton socket, for other users.
+        Socket => "socket",
     }
 }
 

@@ -1,6 +1,7 @@
-//! Enums whose variants have names in reports.
+//! Enums whose variants have names in reports, and meanings in words.
 
-/// Declares an enum with the list of its variants and their names: `ALL`, `NAMES` and `name`.
+/// Declares an enum with the list of its variants and their names: `ALL`, `NAMES` and `name`. With a text behind each name,
+/// also `meaning`, which is the documentation of the variant too.
 #[macro_export]
 macro_rules! named {
     ($(#[$meta:meta])* pub enum $Name:ident {
@@ -19,6 +20,21 @@ macro_rules! named {
             /// Returns the name in reports.
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$variant => $text,)* }
+            }
+        }
+    };
+    ($(#[$meta:meta])* pub enum $Name:ident {
+        $($(#[$doc:meta])* $variant:ident $(= $number:literal)? => $text:literal: $meaning:literal,)*
+    }) => {
+        $crate::named! {
+            $(#[$meta])*
+            pub enum $Name { $(#[doc = $meaning] $(#[$doc])* $variant $(= $number)? => $text,)* }
+        }
+
+        impl $Name {
+            /// Returns the meaning in words, for the user.
+            pub const fn meaning(self) -> &'static str {
+                match self { $(Self::$variant => $meaning,)* }
             }
         }
     };

@@ -61,36 +61,16 @@ crate::named! {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[repr(u32)]
     pub enum ChunkDrop {
-        /// The chunk is for another robot.
-        Robot = 0 => "other_robot",
-        /// Rows, period or joints are out of bounds.
-        Shape = 1 => "shape",
-        /// A value is not finite, or outside every joint's range.
-        Value = 2 => "value",
-        /// Sequence or stamp do not grow.
-        Order = 3 => "order",
-        /// The chunk is over already, or rests on an observation that is too old.
-        Old = 4 => "old",
-        /// The chunk begins too late, or was observed in the future.
-        Future = 5 => "future",
+        Robot = 0 => "other_robot": "it is for another robot; copy `robot` from the newest `Joints`",
+        Shape = 1 => "shape": "1 to 100 rows, 5 to 1000 ms apart, of at least one joint of the robot are allowed",
+        Value = 2 => "value": "a position or velocity is not finite or beyond 10 turns; send radians and metres",
+        Order = 3 => "order": "sequence and stamp must grow within a session; count on, or begin a new session",
+        Old = 4 => "old": "its last row is over, or comes more than 10 s after its observation; send shorter chunks sooner",
+        Future = 5 => "future": "its start is more than 1 s ahead, or its observation is; stamp with CLOCK_MONOTONIC in ns",
     }
 }
 
 impl ChunkDrop {
-    /// Returns the meaning and the remedy, with the bounds.
-    pub const fn meaning(self) -> &'static str {
-        match self {
-            Self::Robot => "it is for another robot; copy `robot` from the newest `Joints`",
-            Self::Shape => "1 to 100 rows, 5 to 1000 ms apart, of at least one joint of the robot are allowed",
-            Self::Value => "a position or velocity is not finite or beyond 10 turns; send radians and metres",
-            Self::Order => "sequence and stamp must grow within a session; count on, or begin a new session",
-            Self::Old => {
-                "its last row is over, or comes more than 10 s after its observation; send shorter chunks sooner"
-            }
-            Self::Future => "its start is more than 1 s ahead, or its observation is; stamp with CLOCK_MONOTONIC in ns",
-        }
-    }
-
     /// Returns the reason with this number plus one.
     pub fn from_code(code: u32) -> Option<Self> {
         code.checked_sub(1).and_then(|index| Self::ALL.get(index as usize).copied())

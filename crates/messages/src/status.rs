@@ -219,28 +219,26 @@ impl Status {
     }
 }
 
-/// Limit that keeps a command from the person that it follows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u32)]
-pub enum FollowingLimit {
-    /// No limit: the robot is on its way or has arrived.
-    None = 0,
-    /// A joint moves at its highest speed.
-    Speed = 1,
-    /// Two parts have the least clearance that is allowed.
-    Clearance = 2,
-    /// A joint is at the end of its range.
-    Range = 3,
+crate::named! {
+    /// Limit that keeps a command from the person that it follows.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    #[repr(u32)]
+    pub enum FollowingLimit {
+        /// No limit: the robot is on its way or has arrived.
+        #[default]
+        None = 0 => "none",
+        /// A joint moves at its highest speed.
+        Speed = 1 => "speed",
+        /// Two parts have the least clearance that is allowed.
+        Clearance = 2 => "clearance",
+        /// A joint is at the end of its range.
+        Range = 3 => "range",
+    }
 }
 
 impl FollowingLimit {
     /// Returns the limit with this number of `Status::limited_why`. Returns `Self::None` for an unknown number.
-    pub const fn from_u32(value: u32) -> Self {
-        match value {
-            1 => Self::Speed,
-            2 => Self::Clearance,
-            3 => Self::Range,
-            _ => Self::None,
-        }
+    pub fn from_u32(value: u32) -> Self {
+        Self::ALL.get(value as usize).copied().unwrap_or_default()
     }
 }

@@ -26,23 +26,23 @@ const WAITS_NS: u64 = 500_000_000;
 /// Log records that are kept until they are taken. Further actions are only counted.
 const RECORDS_MAX: usize = 32;
 
-/// An action of one process at the socket, for the log.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs, reason = "the names say it")]
-pub enum AuditEvent {
-    Connected,
-    /// It is neither the daemon's user nor a member of the socket's group, and was disconnected.
-    Forbidden,
-    /// It pressed the enable, and holds it.
-    Enabled,
-    /// It pressed the recovery, and holds it.
-    Recovers,
-    EmergencyStop,
-    Reset,
-    PayloadLeft,
-    PayloadRight,
-    /// It pressed reset, but another user must do so first.
-    ResetRefused,
+messages::named! {
+    /// An action of one process at the socket, for the log.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[allow(missing_docs, reason = "the names say it")]
+    pub enum AuditEvent {
+        Connected => "connected",
+        /// It was disconnected.
+        Forbidden => "refused: only the daemon's user and members of the socket's group may connect",
+        Enabled => "pressed the enable",
+        Recovers => "pressed the recovery",
+        EmergencyStop => "pressed the emergency stop",
+        Reset => "pressed reset",
+        PayloadLeft => "set the left hand's payload",
+        PayloadRight => "set the right hand's payload",
+        ResetRefused =>
+            "pressed reset, refused: another user pressed the emergency stop and must reset it first",
+    }
 }
 
 /// An action and the process that did it.

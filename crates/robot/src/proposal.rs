@@ -16,27 +16,18 @@ pub const ARM_SDK_INDICES: RangeInclusive<u32> = 12..=28;
 const STIFFNESS: [f64; 2] = [5.0, 400.0];
 const DAMPING: [f64; 2] = [0.1, 10.0];
 
-/// The setpoints that the robot's controllers take.
-#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Serialize, Eq)]
-#[serde(rename_all = "snake_case")]
-pub enum SetpointKind {
-    /// Trajectory controllers of ROS 2. They play the certified stop by themselves.
-    #[default]
-    Trajectories,
-    /// Controllers of ROS 2 that take positions. They hold the last one.
-    Positions,
-    /// The arms of a Unitree robot, beside its own controller.
-    ArmSdk,
-}
-
-impl SetpointKind {
-    /// Its name in files.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Trajectories => "trajectories",
-            Self::Positions => "positions",
-            Self::ArmSdk => "arm_sdk",
-        }
+messages::named! {
+    /// The setpoints that the robot's controllers take.
+    #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Serialize, Eq)]
+    #[serde(rename_all = "snake_case")]
+    pub enum SetpointKind {
+        /// Trajectory controllers of ROS 2. They play the certified stop by themselves.
+        #[default]
+        Trajectories => "trajectories",
+        /// Controllers of ROS 2 that take positions. They hold the last one.
+        Positions => "positions",
+        /// The arms of a Unitree robot, beside its own controller.
+        ArmSdk => "arm_sdk",
     }
 }
 

@@ -79,48 +79,39 @@ messages::named! {
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
     #[repr(usize)]
     pub enum DropReason {
-        /// The layout is unknown.
-        Layout => "Layout",
-        /// The number of joints is not that of the layout, or an unknown flag is set.
-        Count => "Count",
-        /// A mirrored image swaps left and right.
-        Mirrored => "Mirrored",
-        /// The frame has no origin.
-        NoOrigin => "NoOrigin",
-        /// The origin lies in the future.
-        Future => "Future",
-        /// The origin is too old.
-        Old => "Old",
-        /// The session nonce changed. The state is learnt again from the next frame on.
-        SessionChanged => "SessionChanged",
-        /// The operator changed. The state is learnt again from the next frame on.
-        OperatorChanged => "OperatorChanged",
-        /// The origin or the sequence was seen before.
-        Duplicate => "Duplicate",
-        /// The origin or the sequence went backwards.
-        Backwards => "Backwards",
-        /// A number of a used joint or of the calibration is not finite.
-        NotFinite => "NotFinite",
-        /// A coordinate, a confidence or a distance from the pelvis is out of range.
-        OutOfRange => "OutOfRange",
-        /// A quaternion or a calibrated hinge is not a unit vector.
-        NotUnit => "NotUnit",
-        /// Shoulders or hips are not visible.
-        TrunkLost => "TrunkLost",
-        /// The size of the trunk, or of an arm compared with it, is not that of a person.
-        Size => "Size",
-        /// Neither trunk nor legs are upright at the start of a session. Probably the up-axis is another one.
-        NotUpright => "NotUpright",
+        Layout => "Layout": "the layout's number is unknown (is the client as old as this program?)",
+        Count => "Count": "the number of joints, or a flag, is not the layout's (is it the client's layout?)",
+        Mirrored => "Mirrored": "the frame is mirrored, and its layout does not allow that (clear its flag)",
+        NoOrigin => "NoOrigin": "header.origin, when the person was seen, is 0; it is CLOCK_MONOTONIC, ns",
+        Future => "Future": "header.origin lies in the future; it is CLOCK_MONOTONIC of this machine, ns",
+        Old => "Old": "header.origin is more than 100 ms ago; it is CLOCK_MONOTONIC of this machine, ns",
+        /// The state is learnt again from the next frame on.
+        SessionChanged => "SessionChanged": "the session changed; its first frame is never used",
+        /// The state is learnt again from the next frame on.
+        OperatorChanged => "OperatorChanged": "operator_id changed; the first frame of another person is never used",
+        Duplicate => "Duplicate": "header.origin or header.sequence equals the frame before (do two clients send?)",
+        Backwards => "Backwards": "header.origin or header.sequence went backwards (do two clients send?)",
+        /// It is one of a used joint or of the calibration.
+        NotFinite => "NotFinite": "a number is NaN or infinite (an unseen joint needs the confidence 0)",
+        OutOfRange => "OutOfRange":
+            "a coordinate is beyond 100 m, a joint more than 1.5 m from the pelvis, or a confidence not 0 to 1 \
+             (are the units those of the layout?)",
+        NotUnit => "NotUnit": "a quaternion or a hinge is not of length 1 (is the order x, y, z, w?)",
+        TrunkLost => "TrunkLost": "shoulders or hips are below a confidence of 0.5 (is the whole trunk in view?)",
+        Size => "Size":
+            "hips to shoulders are not 0.29 to 0.73 m, or an upper arm or a forearm is not 0.3 to 0.9 of that \
+             (are the units and the order of the joints those of the layout?)",
+        NotUpright => "NotUpright":
+            "trunk and legs lean by more than 60 degrees at the start (is the up axis the layout's?)",
         /// Shoulders and hips disagree on left and right, or the body is a mirror image.
-        Chirality => "Chirality",
-        /// A joint jumped, or too little time of coherent frames has passed since.
-        Teleport => "Teleport",
-        /// A limb's length jumped from one frame to the next.
-        LengthStep => "LengthStep",
-        /// A limb's length differs from that of the session's first second.
-        LengthChange => "LengthChange",
-        /// The payload repeats bit for bit.
-        Frozen => "Frozen",
+        Chirality => "Chirality": "left and right are swapped, or the person is mirrored (is the image?)",
+        /// Or too little time of coherent frames has passed since.
+        Teleport => "Teleport":
+            "a shoulder went faster than 7 m/s, an elbow faster than 10 m/s, or a wrist faster than 12 m/s, \
+             relative to the hips; or the trunk jumped in a camera's image",
+        LengthStep => "LengthStep": "a limb changed its length from one frame to the next (is it one person?)",
+        LengthChange => "LengthChange": "a limb's length is not that of the session's first second (is it one person?)",
+        Frozen => "Frozen": "the same numbers repeat: the tracker is stuck (start it again)",
     }
 }
 
@@ -148,44 +139,6 @@ impl DropReason {
             | Self::LengthStep
             | Self::LengthChange
             | Self::Frozen => true,
-        }
-    }
-
-    /// Explains the reason, with the bounds of motion capture, to help find the error in a client.
-    pub const fn meaning(self) -> &'static str {
-        match self {
-            Self::Layout => "the layout's number is unknown (is the client as old as this program?)",
-            Self::Count => "the number of joints, or a flag, is not the layout's (is it the client's layout?)",
-            Self::Mirrored => "the frame is mirrored, and its layout does not allow that (clear its flag)",
-            Self::NoOrigin => "header.origin, when the person was seen, is 0; it is CLOCK_MONOTONIC, ns",
-            Self::Future => "header.origin lies in the future; it is CLOCK_MONOTONIC of this machine, ns",
-            Self::Old => "header.origin is more than 100 ms ago; it is CLOCK_MONOTONIC of this machine, ns",
-            Self::SessionChanged => "the session changed; its first frame is never used",
-            Self::OperatorChanged => "operator_id changed; the first frame of another person is never used",
-            Self::Duplicate => "header.origin or header.sequence equals the frame before (do two clients send?)",
-            Self::Backwards => "header.origin or header.sequence went backwards (do two clients send?)",
-            Self::NotFinite => "a number is NaN or infinite (an unseen joint needs the confidence 0)",
-            Self::OutOfRange => {
-                "a coordinate is beyond 100 m, a joint more than 1.5 m from the pelvis, or a confidence not 0 to 1 \
-                 (are the units those of the layout?)"
-            }
-            Self::NotUnit => "a quaternion or a hinge is not of length 1 (is the order x, y, z, w?)",
-            Self::TrunkLost => "shoulders or hips are below a confidence of 0.5 (is the whole trunk in view?)",
-            Self::Size => {
-                "hips to shoulders are not 0.29 to 0.73 m, or an upper arm or a forearm is not 0.3 to 0.9 of that \
-                 (are the units and the order of the joints those of the layout?)"
-            }
-            Self::NotUpright => {
-                "trunk and legs lean by more than 60 degrees at the start (is the up axis the layout's?)"
-            }
-            Self::Chirality => "left and right are swapped, or the person is mirrored (is the image?)",
-            Self::Teleport => {
-                "a shoulder went faster than 7 m/s, an elbow faster than 10 m/s, or a wrist faster than 12 m/s, \
-                 relative to the hips; or the trunk jumped in a camera's image"
-            }
-            Self::LengthStep => "a limb changed its length from one frame to the next (is it one person?)",
-            Self::LengthChange => "a limb's length is not that of the session's first second (is it one person?)",
-            Self::Frozen => "the same numbers repeat: the tracker is stuck (start it again)",
         }
     }
 }

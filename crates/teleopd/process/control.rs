@@ -12,7 +12,7 @@ use messages::{
     Fault, Faults, InputStatus, JointCommand, JointTarget, Layout, Mode, PayloadRefusal, RobotState, Service, Stamp,
     Status, deadline, tick_at,
 };
-use operator::{AuditEvent, AuditRecord, OperatorEdges, OperatorError, ResetRule, Server};
+use operator::{AuditRecord, OperatorEdges, OperatorError, ResetRule, Server};
 use robot::Names;
 use rt::SleepWatch;
 use rt::{Exit, Failure};
@@ -245,7 +245,7 @@ impl Control {
             let probe = &mut self.process.probe;
             probe.counters().set(Counter::Refused, counts.connections_refused + counts.requests_refused);
             self.server.drain_records(|AuditRecord { event, peer }| {
-                probe.event(Event::Audit { what: audit_name(event), uid: peer.uid, pid: peer.pid });
+                probe.event(Event::Audit { what: event.name(), uid: peer.uid, pid: peer.pid });
             });
         }
     }
@@ -265,21 +265,5 @@ impl Control {
         figures["timeline"] = json!(self.timeline);
         figures["status"] = explain::status_json(&self.status, &self.names);
         self.process.leave(figures)
-    }
-}
-
-fn audit_name(event: AuditEvent) -> &'static str {
-    match event {
-        AuditEvent::Connected => "connected",
-        AuditEvent::Forbidden => "refused: only the daemon's user and members of the socket's group may connect",
-        AuditEvent::Enabled => "pressed the enable",
-        AuditEvent::Recovers => "pressed the recovery",
-        AuditEvent::EmergencyStop => "pressed the emergency stop",
-        AuditEvent::Reset => "pressed reset",
-        AuditEvent::PayloadLeft => "set the left hand's payload",
-        AuditEvent::PayloadRight => "set the right hand's payload",
-        AuditEvent::ResetRefused => {
-            "pressed reset, refused: another user pressed the emergency stop and must reset it first"
-        }
     }
 }
