@@ -103,54 +103,32 @@ mod tests {
     }
 
     #[test]
-    fn units_run_subcommand_with_same_timeouts_as_up() {
-        for manager in MANAGERS {
-            for row in &TABLE {
-                let one = |key: &str| {
-                    let found = values(manager, &unit(row.name), key);
-                    found.last().cloned().unwrap_or_else(|| panic!("{manager} {}: no {key}", row.name))
-                };
-                assert!(one("ExecStart").starts_with("/usr/bin/teleopd %i --config "), "{}", one("ExecStart"));
-                assert_eq!(one("Type"), "notify");
-                assert_eq!(one("TimeoutStartSec"), READY_WITHIN.as_secs().to_string());
-                assert_eq!(one("TimeoutStopSec"), END_WITHIN.as_secs().to_string());
-                assert!(one("WatchdogSec").parse::<u32>().is_ok_and(|seconds| seconds >= 1));
-            }
-        }
-    }
-
-    #[test]
-    fn only_restartable_processes_restart_and_with_a_limit() {
-        for manager in MANAGERS {
-            for row in &TABLE {
-                let last = |key: &str| values(manager, &unit(row.name), key).pop();
-                let expected = if row.restarts { "on-failure" } else { "no" };
-                assert_eq!(last("Restart").as_deref(), Some(expected), "{manager} {}", row.name);
-                let limit = row.restarts.then(|| ("60".to_owned(), "3".to_owned()));
-                assert_eq!(last("StartLimitIntervalSec").zip(last("StartLimitBurst")), limit, "{manager} {}", row.name);
-            }
-            // Requires= would restart the other processes when one restarts.
-            assert!(values(manager, "teleop.target", "Requires").is_empty());
-        }
-    }
-
-    #[test]
-    fn units_grant_priorities_and_limits_of_settings() {
+    fn units_have_the_timeouts_restarts_and_rights_of_the_table() {
         let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
         let settings = config::load(&config, config::Overrides::default()).expect("settings").settings.realtime;
         let highest = settings.priority_retarget.max(settings.priority_control).max(settings.priority_driver);
-        for manager in MANAGERS {
-            for row in &TABLE {
-                let last = |key: &str| values(manager, &unit(row.name), key).pop();
-                let granted: u32 = last("LimitRTPRIO").and_then(|text| text.parse().ok()).expect("LimitRTPRIO");
-                if row.realtime {
-                    assert!(granted >= highest, "{manager} {}: {granted} is below {highest}", row.name);
-                    assert_eq!(last("LimitMEMLOCK").as_deref(), Some("infinity"));
-                } else {
-                    assert_eq!(granted, 0, "{manager} {}", row.name);
-                }
-                assert_eq!(last("RestrictRealtime").is_some(), !row.realtime, "{manager} {}", row.name);
+        for (manager, row) in MANAGERS.into_iter().flat_map(|manager| TABLE.iter().map(move |row| (manager, row))) {
+            let name = row.name;
+            let last = |key: &str| values(manager, &unit(name), key).pop();
+            let one = |key: &str| last(key).unwrap_or_else(|| panic!("{manager} {name}: no {key}"));
+            assert!(one("ExecStart").starts_with("/usr/bin/teleopd %i --config "), "{}", one("ExecStart"));
+            assert_eq!(one("Type"), "notify");
+            assert_eq!(one("TimeoutStartSec"), READY_WITHIN.as_secs().to_string());
+            assert_eq!(one("TimeoutStopSec"), END_WITHIN.as_secs().to_string());
+            assert!(one("WatchdogSec").parse::<u32>().is_ok_and(|seconds| seconds >= 1));
+            assert_eq!(one("Restart"), if row.restarts { "on-failure" } else { "no" }, "{manager} {name}");
+            let limit = row.restarts.then(|| ("60".to_owned(), "3".to_owned()));
+            assert_eq!(last("StartLimitIntervalSec").zip(last("StartLimitBurst")), limit, "{manager} {name}");
+            let granted: u32 = one("LimitRTPRIO").parse().expect("a priority");
+            if row.realtime {
+                assert!(granted >= highest, "{manager} {name}: {granted} is below {highest}");
+                assert_eq!(one("LimitMEMLOCK"), "infinity");
+            } else {
+                assert_eq!(granted, 0, "{manager} {name}");
             }
+            assert_eq!(last("RestrictRealtime").is_some(), !row.realtime, "{manager} {name}");
         }
+        // Requires= would restart the other processes when one restarts.
+        MANAGERS.iter().for_each(|manager| assert!(values(manager, "teleop.target", "Requires").is_empty()));
     }
 }
