@@ -332,7 +332,7 @@ pub fn newest_transitions(status: &Status, count: u32) -> impl Iterator<Item = &
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::{FollowingLimit, Layout};
+    use messages::Layout;
 
     fn transition(k: u64, from: Mode, to: Mode, why: u32) -> Transition {
         Transition { k, from: from as u32, to: to as u32, why, about: 0 }
@@ -431,18 +431,6 @@ mod tests {
         assert_eq!(super::why(&right_alone, &names), "The robot's right arm follows.");
         let unseen = super::why(&Status { left_out: 8, ..status }, &names);
         assert_eq!(unseen, "The robot follows. The person's right arm is not seen well enough.");
-        status.limb_error_measured_rad = 0.41;
-        assert_eq!(super::why(&status, &names), "The robot follows, 23 degrees behind.");
-        (status.limited_why, status.limited_about) = (FollowingLimit::Speed as u32, Subject::Joint(3).code());
-        assert_eq!(
-            super::why(&status, &names),
-            "The robot follows, 23 degrees behind: joint 3 is at its highest speed."
-        );
-        status.mode = Mode::Engaging as u32;
-        let far = "The robot moves to the person's posture slowly, 23 degrees behind: joint 3 is at its highest speed.";
-        assert_eq!(super::why(&status, &names), far);
-        (status.limb_error_measured_rad, status.limited_why, status.limited_about) = (0.0, 0, 0);
-        assert_eq!(super::why(&status, &names), "The robot moves to the person's posture slowly.");
         status.reduced = reduced_flag::NAMES[0].0;
         assert!(why_stopped(&status, &names).is_some_and(|why| why.contains(reduced_flag::NAMES[0].1)));
     }

@@ -177,17 +177,6 @@ mod tests {
     }
 
     #[test]
-    fn f068_same_session_number_on_other_port_or_door_is_refused() {
-        let mut authority = Authority::default();
-        assert!(authority.admits_claim(at(0), claim(Door::Socket, 1, 7), TIMEOUT_NS));
-        for other in [claim(Door::SharedMemory, 1, 7), claim(Door::Socket, 2, 7), claim(Door::Socket, 1, 8)] {
-            assert!(!authority.admits_claim(at(1), other, TIMEOUT_NS), "{other:?}");
-        }
-        assert!(authority.admits_claim(at(2), claim(Door::Socket, 1, 7), TIMEOUT_NS));
-        assert_eq!(authority.grants(), 1);
-    }
-
-    #[test]
     fn f069_lease_passes_to_new_session_only_after_timeout() {
         let mut authority = Authority::default();
         assert!(authority.admits(at(0), &frame(7), TIMEOUT_NS));

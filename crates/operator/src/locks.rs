@@ -79,14 +79,6 @@ mod tests {
     }
 
     #[test]
-    fn root_reset_removes_all_locks() {
-        let mut locks = Locks::default();
-        [ANNA, BERT].into_iter().for_each(|uid| locks.add(uid));
-        locks.remove(ROOT);
-        assert!(locks.are_gone() && locks.first_by() == 0);
-    }
-
-    #[test]
     fn only_root_resets_when_users_exceed_lock_slots() {
         let mut locks = Locks::default();
         let users = || 1000..=1000 + LOCKS_MAX as u32;

@@ -259,19 +259,6 @@ mod tests {
     }
 
     #[test]
-    fn corner_is_reached_in_steps_and_reported() {
-        let (_folder, path, mixer) = mixer();
-        let ingest = &mut Ingest::at(&path);
-        mixer.ask(MixRequest::Join);
-        ingest.until(|_| {
-            mixer.ask(corner(1));
-            mixer.answer().filter(|mixed| mixed.shares.get() == [0.0, 1.0, 0.0])
-        });
-        assert_no_leap(&ingest.frames);
-        assert!(ingest.frames.len() as f64 >= 60.0 * EDGE_S);
-    }
-
-    #[test]
     fn lease_of_another_client_is_reported_and_session_replaced() {
         let (_folder, path, other) = mixer();
         let ingest = &mut Ingest::at(&path);
