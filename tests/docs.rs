@@ -13,12 +13,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Replacements for the reader's own paths. Demos are shorter, too.
-const PLACEHOLDERS: [(&str, &str); 4] = [
-    (" FOLDER", " {work}/clips"),
-    (" PICTURES", " {work}/pictures"),
-    (" OUT ", " {work}/trajectories "),
-    (" --seconds 10", " --seconds 3"),
-];
+const PLACEHOLDERS: [(&str, &str); 3] =
+    [(" FOLDER", " {work}/clips"), (" OUT ", " {work}/trajectories "), (" --seconds 10", " --seconds 3")];
 /// The clip of the folder.
 const CLIP: &str = "clap.bvh";
 /// Longest time of a command, and of waiting for its words. Only a hang comes near it.

@@ -216,9 +216,6 @@ fn browser_handle_is_moved_by_mouse_and_by_keys() {
         }
         browser.mouse("mouseReleased", &to);
         browser.wait("the corner", &format!("{spoken} === 't-pose 0 %, hands-up 100 %, box 0 %'"));
-        if let Some(file) = std::env::var_os("TELEOPD_SCREENSHOT") {
-            std::fs::write(file, crate::browser::decode_base64(&browser.screenshot())).expect("the picture");
-        }
         // The handle has had the focus since it was pressed.
         for _ in 0..10 {
             browser.press("ArrowLeft", "ArrowLeft");

@@ -256,9 +256,6 @@ fn browser_camera_leads_the_robot_until_it_is_stopped() {
     assert!(follows, "never follows: {}", browser.page_text());
     let before = browser.measured();
     browser.wait_moved(&before, 0.1);
-    if let Some(file) = std::env::var_os("TELEOPD_SCREENSHOT") {
-        std::fs::write(file, crate::browser::decode_base64(&browser.screenshot())).expect("the picture");
-    }
     browser.click("#cam-mirrored");
     browser.wait_attribute("cam-mirrored", "aria-checked", "true");
     browser.click("#cam-mirrored");

@@ -1,8 +1,6 @@
 //! Tests the limits of the networks, and the weights file with every possible error.
 
 use crate::support::{arm, identity, layers};
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64;
 use retarget::{
     Dense, Manifest, Network, Weights, WeightsError, interpolate_latent, read_layers, sha256_hex, write_weights,
 };
@@ -128,21 +126,6 @@ fn f093_f094_f096_flawed_weights_file_is_refused_with_reason() {
         let error = Weights::read(&text, &bytes, &identity()).expect_err(what).to_string();
         assert!(error.contains(words), "{what}: {error}");
     }
-}
-
-#[test]
-fn f093_weights_with_one_flipped_bit_are_refused() {
-    let layers = layers(2, 1, 8);
-    let (mut bytes, text) = write_weights(&layers, &Manifest::new(&identity(), &layers)).unwrap();
-    let mut rng = Pcg64::seed_from_u64(93);
-    for _ in 0..100_000 {
-        let (at, bit) = (rng.random_range(0..bytes.len()), 1 << rng.random_range(0..8));
-        bytes[at] ^= bit;
-        let refused = Weights::read(&text, &bytes, &identity());
-        assert!(matches!(refused, Err(WeightsError::Sha256 { .. })), "bit {bit} of byte {at}");
-        bytes[at] ^= bit;
-    }
-    assert!(Weights::read(&text, &bytes, &identity()).is_ok());
 }
 
 #[test]

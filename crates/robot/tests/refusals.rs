@@ -33,10 +33,6 @@ fn f100_invalid_limits_are_refused_with_joint_value_and_bound() {
         let urdf = edit(URDF, LEFT_1, LEFT_1_LIMIT, limit);
         refused(TOML, &urdf, &["tiago_dual.urdf", "arm_left_1_joint", words[0], words[1]]);
     }
-}
-
-#[test]
-fn f100_joint_without_limit_is_refused() {
     let urdf = edit(URDF, LEFT_1, &format!("<limit {LEFT_1_LIMIT}/>"), "");
     refused(TOML, &urdf, &["tiago_dual.urdf", "arm_left_1_joint", "limit lower = 0"]);
 }

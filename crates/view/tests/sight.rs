@@ -2,7 +2,7 @@
 
 use crate::{damage, message, random};
 use messages::{SkeletonLayout, raw_flag};
-use view::{AGE_MS_MAX, LANDMARKS, NOBODY_BYTES, POLICY, Refusal, SIGHT_BYTES, Sight, VisionFiles, camera_policy};
+use view::{AGE_MS_MAX, LANDMARKS, NOBODY_BYTES, POLICY, Refusal, SIGHT_BYTES, Sight, camera_policy};
 
 /// The switch, and landmarks that all differ.
 fn numbers() -> Vec<f32> {
@@ -78,27 +78,6 @@ fn camera_policy_adds_only_webassembly_and_the_camera() {
     let (loose, more) = policy.split_once("Permissions-Policy").expect("the camera");
     assert_eq!(loose.replacen(" 'wasm-unsafe-eval'", "", 1), POLICY);
     assert!(more.contains("camera=(self)") && more.ends_with("\r\n") && !POLICY.contains("wasm"));
-}
-
-#[test]
-fn only_named_camera_files_are_read() {
-    let folder = tempfile::tempdir().expect("a folder");
-    std::fs::create_dir(folder.path().join("wasm")).expect("a folder");
-    let model = folder.path().join("my pose.task");
-    let bytes = b"PK\x03\x04 pose_detector.tflite pose_landmarks_detector.tflite";
-    std::fs::write(&model, bytes).expect("a model");
-    std::fs::write(folder.path().join("package.json"), b"{}").expect("another file");
-    for name in ["vision_bundle.mjs", "wasm/vision_wasm_module_internal.js", "wasm/vision_wasm_module_internal.wasm"] {
-        let error = VisionFiles::open(folder.path(), &model).expect_err("one is missing").to_string();
-        assert!(error.contains(name) && error.contains("npm ci --prefix tools/camera"), "{error}");
-        std::fs::write(folder.path().join(name), b"//").expect("a file");
-    }
-    let files = VisionFiles::open(folder.path(), &model).expect("all are there");
-    assert_eq!(files.read("model.task").map(|file| file.bytes).ok(), Some(bytes.len() as u64));
-    assert_eq!(files.read("vision_bundle.mjs").map(|file| file.bytes).ok(), Some(2));
-    for bad in ["package.json", "my pose.task", "../x", "wasm/../package.json", "wasm", "", "/etc/hostname"] {
-        assert!(files.read(bad).is_err(), "{bad}");
-    }
 }
 
 /// The packages are pinned by their versions and their hashes.

@@ -3,7 +3,6 @@
 use motion::{CalibrationMode, LoadOptions};
 use std::path::Path;
 use train::clips::Clips;
-use train::kinematics::{limb_degrees, rotate};
 
 fn folder_of(count: usize) -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
@@ -42,26 +41,4 @@ fn clips_are_read_with_the_options_of_the_command() {
     let load = LoadOptions { mirror: true, ..LoadOptions::default() };
     let text = Clips::read(folder.path(), CalibrationMode::Rig, &load).expect_err("no mirror image").to_string();
     assert!(text.contains("--mirror is given, but the body is not mirrored"), "{text}");
-}
-
-#[test]
-#[ignore = "needs the clips of CMU in ../shared/motions/cmu"]
-fn recorded_clips_are_split_as_in_the_published_figures() {
-    let recorded = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/motions/cmu");
-    let clips = Clips::read(&recorded, CalibrationMode::Clip, &LoadOptions::default()).expect("the clips can be read");
-    let names: Vec<&str> = clips.validation.iter().map(|clip| clip.name.as_str()).collect();
-    let published = [
-        "001_14", "002_05", "002_10", "005_03", "005_08", "005_13", "005_18", "006_03", "006_08", "006_14", "007_04",
-        "007_09",
-    ];
-    assert_eq!(names, published);
-    assert_eq!((clips.training.len(), clips.skipped.len()), (49, 0));
-    // People mostly let both arms hang. As left arms, both bones then point down in the same way.
-    let walk = clips.training.iter().find(|clip| clip.name == "002_01").expect("a walk is among them");
-    for arm in &walk.arms {
-        let down = arm.iter().filter(|pose| rotate(pose[0], [0.0, 1.0, 0.0])[2] < -0.7).count();
-        assert!(down > arm.len() * 9 / 10, "{down} of {} frames hang", arm.len());
-    }
-    let apart = walk.arms[0].iter().zip(&walk.arms[1]).map(|(left, right)| limb_degrees(left[0], right[0]));
-    assert!(apart.sum::<f32>() / (walk.arms[0].len() as f32) < 60.0);
 }
