@@ -78,7 +78,7 @@ const ROWS: [(&str, How); 71] = [
     ("cargo run --release -p chaos", Listed("takes minutes", "2026-11-25")),
     ("cargo run --release -p latency", Listed("takes minutes", "2026-11-21")),
     ("cargo run --release -p eval -- --human", Listed("compares with solvers for minutes", "2026-11-21")),
-    ("cargo run --release -p eval -- --following", Ends(&[0], "--no-optimum")),
+    ("cargo run --release -p eval -- --following", Ends(&[0], "")),
     ("cargo run --release -p bridge -- mvn", Tested("tools/bridge/tests/program.rs")),
     ("cargo run --release -p layouts --example outliers", Listed("wants recordings of cameras", "2026-11-25")),
     ("cargo run --release -p rt --example wake", Listed("wants an idle machine", "2026-11-25")),

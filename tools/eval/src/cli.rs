@@ -13,8 +13,7 @@ pub struct Cli {
     /// Folder of motion files on which to compare retargeting methods
     #[arg(long, value_name = "DIR", group = "what")]
     pub human: Option<PathBuf>,
-    /// Folder of motion files to play through all stages in virtual time. The commands are compared with the
-    /// person, and with the best that any motion within the limits can do
+    /// Folder of motion files to play through all stages in virtual time. The commands are compared with the person
     #[arg(long, value_name = "DIR", group = "what")]
     pub following: Option<PathBuf>,
     /// Folder of motion files whose frames `ingest` receives at several rates. Counts the frames that it rejects
@@ -40,9 +39,6 @@ pub struct Cli {
     /// --following: judged delay between person and command, ms, beside 60 and 200
     #[arg(long, value_name = "MS", default_value_t = 120.0, value_parser = rt::number, allow_negative_numbers = true)]
     pub delay_ms: f64,
-    /// --following: skip the best that any motion can do
-    #[arg(long)]
-    pub no_optimum: bool,
     /// The robot: a name of config/robots, or a robot file [default: tiago_dual, or the robot of the settings for
     /// --following and --refusals]
     #[arg(long, value_name = "NAME|FILE")]
@@ -67,8 +63,8 @@ pub struct Cli {
     /// Write the figures to this file as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// --following, --video: draw one SVG file for each clip into this folder
-    #[arg(long, value_name = "DIR", visible_alias = "plots")]
+    /// --video: draw the error of each clip over time as an SVG file into this folder
+    #[arg(long, value_name = "DIR")]
     pub plot: Option<PathBuf>,
 }
 

@@ -16,7 +16,6 @@ pub mod plots;
 pub mod refusals;
 pub mod report;
 pub mod run;
-pub mod stick_figures;
 pub mod timing;
 pub mod video;
 pub mod words;

@@ -19,6 +19,10 @@ const OURS_STEPS_MAX: u32 = 3;
 /// Joint positions of both arms, rad.
 pub type Posture = [ArmQ; 2];
 
+pub fn limbs_of(arm: &ArmModel, posture: &Posture) -> Human {
+    posture.each_ref().map(|q| arm.forward(q))
+}
+
 #[derive(Debug)]
 pub enum Solver {
     /// The shared latent space, then Levenberg-Marquardt steps, with the network's output as prior, as in the product.

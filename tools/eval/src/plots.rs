@@ -1,38 +1,26 @@
-//! What the pictures share.
+//! Draws the error of a clip over time.
 
-use crate::stick_figures::{Area, Drawn};
-use plotters::chart::SeriesAnno;
 use plotters::prelude::*;
 use rt::{Exit, Failure};
 use std::path::Path;
 
-pub fn paint_file(path: &Path, size: (u32, u32), paint: impl FnOnce(&Area<'_>) -> Drawn) -> Result<(), Failure> {
-    let area = SVGBackend::new(path, size).into_drawing_area();
-    let drawn = area.fill(&WHITE).and_then(|()| paint(&area)).and_then(|()| area.present());
-    drawn.map_err(|error| Failure::new(Exit::CantCreate, format!("{}: cannot draw: {error}", path.display())))
-}
+const COLOUR: RGBColor = RGBColor(30, 110, 190);
 
-pub type Chart<'a, 'b> = ChartContext<
-    'a,
-    SVGBackend<'b>,
-    Cartesian2d<plotters::coord::types::RangedCoordf64, plotters::coord::types::RangedCoordf64>,
->;
-
-pub fn name_line<'a, 'b: 'a>(line: &mut SeriesAnno<'a, SVGBackend<'b>>, name: &str, style: ShapeStyle) {
-    line.label(name).legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
-}
-
-pub fn legend<'a, 'b: 'a>(chart: &mut Chart<'a, 'b>) -> Drawn {
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
-        .background_style(WHITE.mix(0.8))
-        .border_style(BLACK.mix(0.3))
-        .label_font(("sans-serif", 13))
-        .draw()
-}
-
-pub fn label(area: &Area<'_>, text: &str) -> Drawn {
-    let (_, height) = area.dim_in_pixel();
-    area.draw(&Text::new(text.to_owned(), (8, height as i32 - 18), ("sans-serif", 13)))
+/// Draws the angle between person and robot, degrees, over time, s, as an SVG file.
+pub fn draw(path: &Path, caption: &str, line: &[(f64, f64)]) -> Result<(), Failure> {
+    let paint = || -> Result<(), DrawingAreaErrorKind<_>> {
+        let area = SVGBackend::new(path, (1080, 320)).into_drawing_area();
+        area.fill(&WHITE)?;
+        let (end, highest) = line.iter().fold((0.1_f64, 10.0_f64), |(x, y), point| (x.max(point.0), y.max(point.1)));
+        let mut chart = ChartBuilder::on(&area)
+            .caption(caption, ("sans-serif", 18))
+            .margin(12)
+            .x_label_area_size(36)
+            .y_label_area_size(48)
+            .build_cartesian_2d(0.0..end, 0.0..highest * 1.25)?;
+        chart.configure_mesh().max_light_lines(0).x_desc("seconds").y_desc("degrees").draw()?;
+        chart.draw_series(LineSeries::new(line.iter().copied(), COLOUR.stroke_width(2)))?;
+        area.present()
+    };
+    paint().map_err(|error| Failure::new(Exit::CantCreate, format!("{}: cannot draw: {error}", path.display())))
 }

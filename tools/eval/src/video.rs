@@ -8,11 +8,11 @@
 
 use crate::cli::Cli;
 use crate::clips::Human;
-use crate::following::{DELAYED, Person, Sample, error_over_time};
-use crate::plots::paint_file;
+use crate::following::{Person, Sample};
+use crate::methods::limbs_of;
+use crate::plots;
 use crate::refusals::{Refusals, count_frames};
 use crate::run::{load, write_json};
-use crate::stick_figures::limbs_of;
 use ::report::print;
 use ::report::table::{self, column, number};
 use config::Loaded;
@@ -258,8 +258,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
 }
 
 fn draw(folder: &Path, row: &Followed) -> Result<(), Failure> {
-    let name = format!("person {} ms before", row.delay_ms.unwrap_or_default());
-    let lines = [(name, vec![row.line.clone()], DELAYED)];
-    let file = folder.join(format!("{}.svg", row.clip));
-    paint_file(&file, (1080, 320), |area| error_over_time(area, &row.clip, &lines))
+    let delay_ms = row.delay_ms.unwrap_or_default();
+    let caption = format!("{}: angle between the robot and the person {delay_ms} ms before, mean of four limbs", row.clip);
+    plots::draw(&folder.join(format!("{}.svg", row.clip)), &caption, &row.line)
 }

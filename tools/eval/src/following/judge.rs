@@ -1,17 +1,12 @@
-//! Measures the robot's distance from the person, and from the best possible motion.
+//! Measures the robot's distance from the person.
 
 use super::expectation::{self, AHEAD_MS};
 use super::hands::HandError;
-use super::optimum::{improved, least_squares};
 use super::play::{Played, Sample};
-use super::riccati::Joints;
-use super::tracking::Motion;
 use crate::clips::Human;
-use crate::stick_figures::limbs_of;
-use follow::solver::{Bounds, State};
+use crate::methods::limbs_of;
 use messages::{LIMBS, Stamp};
-use retarget::{ArmModel, Limbs, limb_error_deg};
-use robot::Model;
+use retarget::{ArmModel, limb_error_deg};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -33,10 +28,6 @@ pub struct ClipFigures {
     /// Least error over all delays, degrees.
     pub best_deg: f64,
     pub best_ms: f64,
-    /// Least error of any motion within the limits, against the person of the same instant.
-    pub optimum_deg: Option<f64>,
-    #[serde(rename = "optimum_least_squares_deg")]
-    pub least_squares_deg: Option<f64>,
     /// Share of the person's hands that the robot's could take without coming near anything.
     pub hands_free: Option<f64>,
     /// Mean error of the free hands, degrees.
@@ -61,24 +52,6 @@ impl ClipFigures {
     pub fn violations_total(&self) -> u64 {
         self.violations.values().sum()
     }
-}
-
-pub fn bounds_of(model: &Model) -> [Bounds; 2] {
-    model.arms.each_ref().map(|arm| {
-        let limit = |of: fn(&robot::JointLimits) -> f64| {
-            // What stands in an empty slot is no limit: nothing moves there.
-            Joints::from_fn(|i, _| arm.slots[i].map_or(1.0, |joint| of(&model.limits[joint])))
-        };
-        // A right arm is judged as the left arm that mirrors it.
-        let turned = |i: usize| arm.signs[i] < 0.0;
-        let (low, high) = (limit(|limits| limits.q_min), limit(|limits| limits.q_max));
-        Bounds {
-            q_min: Joints::from_fn(|i, _| if turned(i) { -high[i] } else { low[i] }),
-            q_max: Joints::from_fn(|i, _| if turned(i) { -low[i] } else { high[i] }),
-            v_max: limit(|limits| limits.v_max),
-            a_max: limit(|limits| limits.a_max),
-        }
-    })
 }
 
 pub fn limbs_deg(robot: &Human, person: &Human) -> f64 {
@@ -111,44 +84,9 @@ pub(crate) fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Best {
-    pub optimum_deg: Vec<Vec<f64>>,
-    /// Errors of the best motion by least squares alone, which other implementations use.
-    pub least_squares_deg: Vec<Vec<f64>>,
-}
-
-impl Best {
-    pub fn new(arm: &ArmModel, bounds: &[Bounds; 2], played: &Played) -> Self {
-        let mut best = Self::default();
-        for span in &played.spans {
-            let person: Vec<Human> = span.iter().filter_map(|sample| played.person.at(sample.at)).collect();
-            let (mut optima, mut squares) = (vec![0.0; person.len()], vec![0.0; person.len()]);
-            for (side, bounds) in bounds.iter().enumerate() {
-                let path: Vec<_> = person.iter().map(|human| human[side]).collect();
-                let Some(first) = span.first() else { continue };
-                let start = first.arm(side);
-                let motion = least_squares(arm, bounds, &path, start);
-                add_deg(&mut squares, arm, start, &motion, &path);
-                add_deg(&mut optima, arm, start, &improved(arm, bounds, &path, start, motion), &path);
-            }
-            best.optimum_deg.push(optima);
-            best.least_squares_deg.push(squares);
-        }
-        best
-    }
-}
-
-fn add_deg(sums: &mut [f64], arm: &ArmModel, start: State, motion: &Motion, path: &[Limbs]) {
-    let states = std::iter::once(&start).chain(&motion.states);
-    for ((sum, state), goal) in sums.iter_mut().zip(states).zip(path) {
-        *sum += arm.limb_error_deg(&state.q.into(), goal).iter().sum::<f64>() / LIMBS as f64;
-    }
-}
-
 /// Returns the figures of a clip. None if the robot was never Engaged for long enough to compare at every
 /// requested delay.
-pub fn judge(arm: &ArmModel, played: &Played, delays_ms: &[f64], best: Option<&Best>) -> Option<ClipFigures> {
+pub fn judge(arm: &ArmModel, played: &Played, delays_ms: &[f64]) -> Option<ClipFigures> {
     let now_deg = mean_deg(arm, played, 0.0)?;
     let at_deg: Option<Vec<f64>> = delays_ms.iter().map(|&delay| mean_deg(arm, played, delay)).collect();
     // A delay beyond half of the clip would be judged by little of it.
@@ -166,8 +104,6 @@ pub fn judge(arm: &ArmModel, played: &Played, delays_ms: &[f64], best: Option<&B
         at_deg: at_deg?,
         best_deg,
         best_ms,
-        optimum_deg: best.and_then(|best| mean(&best.optimum_deg.concat())),
-        least_squares_deg: best.and_then(|best| mean(&best.least_squares_deg.concat())),
         hands_free: (!played.hands.is_empty()).then(|| free.len() as f64 / played.hands.len() as f64),
         hands_deg: hands(|hand| hand.command_deg),
         hands_optimum_deg: hands(|hand| hand.optimum_deg),

@@ -10,30 +10,20 @@
 //! - The *expectation* is the way of a target beyond the newest skeleton. Its error is against the person's
 //!   later motion.
 //! - *At D ms* compares a command with the person D ms before.
-//! - The *optimum* is the least error of any motion within the positions, speeds and accelerations in force. It
-//!   looks ahead, without delay and without collisions: see [`optimum`]. It starts at the robot's posture
-//!   whenever the robot becomes Engaged.
 
 mod expectation;
 mod hands;
 mod judge;
-pub mod optimum;
 mod person;
 mod play;
-mod plot;
 mod report;
-mod riccati;
-mod tracking;
 
 pub use expectation::{AHEAD_MS, Expectation};
 pub use hands::HandError;
-pub use judge::{Best, ClipFigures, bounds_of, errors_deg, judge, limbs_deg};
+pub use judge::{ClipFigures, errors_deg, judge, limbs_deg};
 pub use person::{Hands, Person, Place};
 pub use play::{Played, Sample, Stage};
-pub(crate) use plot::{DELAYED, error_over_time};
 pub use report::Report;
-pub use riccati::Joints;
-pub use tracking::{Motion, NODE_S};
 
 use crate::cli::Cli;
 use crate::clips::{chosen, stem};
@@ -55,33 +45,23 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
     let _ = rt::flush_denormals();
     let loaded = load(cli)?;
     let stage = Stage::new(&loaded)?;
-    let (arm, bounds) = (ArmModel::from_model(&loaded.model), bounds_of(&loaded.model));
+    let arm = ArmModel::from_model(&loaded.model);
     let mut delays_ms = DELAYS_MS.to_vec();
     delays_ms.push(cli.delay_ms);
     delays_ms.sort_by(f64::total_cmp);
     delays_ms.dedup();
-    let clip = |file: &PathBuf| -> Result<Result<ClipFigures, String>, Failure> {
+    let clip = |file: &PathBuf| -> Result<ClipFigures, String> {
         let _ = rt::flush_denormals();
-        let played = motion::load_with(file, &cli.load).map_err(|error| error.to_string());
-        let played = match played.and_then(|motion| stage.play(&motion, cli.calibration)) {
-            Ok(played) => played,
-            Err(why) => return Ok(Err(why)),
-        };
-        let best = (!cli.no_optimum).then(|| Best::new(&arm, &bounds, &played));
-        if let Some(folder) = &cli.plot {
-            plot::draw_clip(folder, &arm, &played, cli.delay_ms, best.as_ref())?;
-        }
+        let motion = motion::load_with(file, &cli.load).map_err(|error| error.to_string())?;
+        let played = stage.play(&motion, cli.calibration)?;
         let stopped = played.stopped.iter().map(|why| format!(": {why}")).collect::<String>();
         let never = || format!("not Engaged for long enough{stopped}");
-        Ok(judge(&arm, &played, &delays_ms, best.as_ref()).ok_or_else(never))
+        judge(&arm, &played, &delays_ms).ok_or_else(never)
     };
     let files = chosen(folder, cli.clips.as_deref())?;
-    if let Some(folder) = &cli.plot {
-        std::fs::create_dir_all(folder).map_err(|cause| Failure::unwritable(folder, &cause))?;
-    }
-    let judged: Result<Vec<_>, Failure> = files.par_iter().map(|file| Ok((stem(file), clip(file)?))).collect();
+    let judged: Vec<_> = files.par_iter().map(|file| (stem(file), clip(file))).collect();
     let (mut clips, mut skipped) = (Vec::new(), Vec::new());
-    for (name, figures) in judged? {
+    for (name, figures) in judged {
         match figures {
             Ok(figures) => clips.push(figures),
             Err(why) => skipped.push((name, why)),

@@ -7,7 +7,6 @@ use crate::methods::Posture;
 use client::PlayOptions;
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2};
 use config::Loaded;
-use follow::solver::State;
 use messages::{JointCommand, Mode, Stamp, command_flag, deadline};
 use motion::{CalibrationMode, Motion};
 use robot::Model;
@@ -27,8 +26,6 @@ pub struct Sample {
     pub at: Stamp,
     /// Positions of joints 1 to 5 of both arms, rad.
     pub q: Posture,
-    /// Their speeds, rad/s.
-    pub v: Posture,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -147,10 +144,6 @@ impl Sample {
     pub(crate) fn new(model: &Model, command: &JointCommand) -> Self {
         let arms =
             |all: &[f64; messages::JOINTS_MAX]| model.arms.each_ref().map(|arm| arm.mirrored(&arm.limb_values(all)));
-        Self { at: deadline(command.k), q: arms(&command.q), v: arms(&command.v) }
-    }
-
-    pub fn arm(&self, arm: usize) -> State {
-        State { q: self.q[arm].into(), v: self.v[arm].into() }
+        Self { at: deadline(command.k), q: arms(&command.q) }
     }
 }

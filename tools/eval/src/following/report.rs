@@ -25,7 +25,6 @@ impl Report {
         let mut row = json!(clip);
         row["at_ms_deg"] = at.collect::<Map<_, _>>().into();
         row["at_delay_deg"] = json!(at_delay);
-        row["ratio"] = json!(at_delay.zip(clip.optimum_deg).map(|(at, optimum)| at / optimum));
         row["expected_ms_deg"] = expected.collect::<Map<_, _>>().into();
         row
     }
@@ -72,8 +71,6 @@ impl Report {
         columns.extend([
             figure("best", 6, 1, "best_deg"),
             figure("at ms", 5, 0, "best_ms"),
-            figure("optimum", 8, 1, "optimum_deg"),
-            figure("ratio", 6, 2, "ratio"),
             column(["", "free"], 7, move |(row, _): &(Value, u64)| percent(&row["hands_free"])),
             figure("hands", 6, 1, "hands_deg"),
             figure("known", 6, 1, "hands_known_deg"),
@@ -127,13 +124,11 @@ impl fmt::Display for Report {
             f,
             "{} clips of {}, settings {}\n\
              command against person while Engaged, mean angle of four limbs, every 20 ms, at recorded speed\n\
-             ratio: the error at {} ms over the optimum, which looks ahead and knows no collisions\n\
              hands: those that the robot could take without coming near anything (free), against the person of the following\n\
              delay before; known: the best of wrists that know the hand so far ahead; opt.: of wrists that know all",
             self.clips.len(),
             self.folder,
-            self.config,
-            self.delay_ms
+            self.config
         )?;
         let ahead = AHEAD_MS.map(|ms| {
             let [mean, median] = [mean, median].map(|row| number(row["expected_ms_deg"][ms.to_string()].as_f64(), 1));
