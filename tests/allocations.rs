@@ -2,9 +2,7 @@
 
 use client::{PlayOptions, Player};
 use config::Overrides;
-use messages::{
-    Header, JointCommand, JointTarget, Layout, Mode, PayloadOrder, RobotState, Skeleton, Stamp, TICK_HZ, deadline,
-};
+use messages::{Header, JointTarget, Layout, Mode, PayloadOrder, RobotState, Skeleton, Stamp, TICK_HZ, deadline};
 use motion::CalibrationMode;
 use rt::{CountingAllocator, count_allocations};
 use safety::engage::OperatorView;
@@ -88,8 +86,7 @@ fn f076_no_stage_allocates_in_a_tick() {
         assert!(refused > 0 || tick < BEFORE);
         mode = Mode::from_u32(out.status.mode).expect("a mode");
         engaged += u64::from(counting && mode == Mode::Engaged);
-        let command: Option<JointCommand> = out.command;
-        let input = driver::DriveInput { due_k: k, command: command.as_ref() };
+        let input = driver::DriveInput { due_k: k, command: out.command.as_ref() };
         let (out, counted) =
             count_allocations(|| simulated::tick(&robot_config, &mut robot_state, Stamp(now.0 + 100_000), input));
         note(3, counted.allocated);

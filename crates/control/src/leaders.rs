@@ -1,5 +1,5 @@
-//! Who leads each arm while a policy holds its lease: the policy, or the person who took the arm over. A person leads from
-//! where the arm stands: the target is q_person + (q_command - q_person) with the difference of the moment of the takeover.
+//! The leader of each arm while a policy holds its lease: the policy, or the person who took the arm over. A person leads
+//! from where the arm stands: the target is q_person + (q_command - q_person) with the difference of the moment of the takeover.
 //! When the person lets go, the arm stays until the policy sends a chunk that rests on a later observation.
 
 use messages::{JOINTS_MAX, JointTarget, Stamp, target_flag};

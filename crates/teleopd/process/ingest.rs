@@ -63,15 +63,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         dropped: Dropped::since(rt::now()),
         statuses,
         status: InputStatus::ZERO,
-        policy: PolicyDoor {
-            authority: Authority::default(),
-            session_nonce: 0,
-            quotas: Quotas::default(),
-            state: PolicyState::default(),
-            robot: process.loaded.model.id(),
-            chunks: core.writer(Service::Policy).map_err(bus_failure)?,
-            sequence: 0,
-        },
+        policy: PolicyDoor::open(&core, process.loaded.model.id())?,
     };
     let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
     process.ready()?;
@@ -85,8 +77,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
             wait(&mut clients, &socket);
         }
         let now = rt::now();
-        ingest_loop.authority.look(now);
-        ingest_loop.policy.authority.look(now);
+        ingest_loop.look(now);
         let held = ingest_loop.authority.is_held(now, ingest_loop.timeout_ns);
         socket.poll(now, held, |from, frame| ingest_loop.receive_packet(&mut process, from, frame));
         rt::allocating_aside(|| {
@@ -174,6 +165,20 @@ struct PolicyDoor {
     sequence: u64,
 }
 
+impl PolicyDoor {
+    fn open(core: &Domain, robot: RobotId) -> Result<Self, Failure> {
+        Ok(Self {
+            authority: Authority::default(),
+            session_nonce: 0,
+            quotas: Quotas::default(),
+            state: PolicyState::default(),
+            robot,
+            chunks: core.writer(Service::Policy).map_err(bus_failure)?,
+            sequence: 0,
+        })
+    }
+}
+
 /// Nanoseconds in a second.
 const SECOND_NS: u64 = 1_000_000_000;
 
@@ -210,6 +215,12 @@ impl Dropped {
 }
 
 impl IngestLoop {
+    /// Tells both leases that `ingest` runs at `now`.
+    fn look(&mut self, now: Stamp) {
+        self.authority.look(now);
+        self.policy.authority.look(now);
+    }
+
     fn receive_sample(&mut self, process: &mut Process, sample: &Sample<RawSkeleton>) {
         let now = rt::now();
         if self.quotas.admits(now, sample.publisher) {

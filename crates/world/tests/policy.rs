@@ -145,7 +145,7 @@ fn wave(model: &Model, amplitude: f64, at_s: f64) -> [f64; JOINTS_MAX] {
 }
 
 #[test]
-fn slow_trajectory_of_policy_comes_out_within_half_a_degree_and_20_ms() {
+fn f142_policy_beside_a_person_comes_out_within_half_a_degree_and_20_ms() {
     let mut scene = Scene::new(1);
     scene.engage(0.1);
     let model = scene.model().clone();

@@ -259,6 +259,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
 
 fn draw(folder: &Path, row: &Followed) -> Result<(), Failure> {
     let delay_ms = row.delay_ms.unwrap_or_default();
-    let caption = format!("{}: angle between the robot and the person {delay_ms} ms before, mean of four limbs", row.clip);
+    let caption =
+        format!("{}: angle between the robot and the person {delay_ms} ms before, mean of four limbs", row.clip);
     plots::draw(&folder.join(format!("{}.svg", row.clip)), &caption, &row.line)
 }
