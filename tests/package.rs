@@ -223,7 +223,7 @@ fn wheel_installs_and_its_programs_run() {
     run(program("record").arg("--version")).expect("record");
     std::fs::create_dir(folder.path().join("in")).expect("a folder");
     std::fs::copy(root().join("tools/replay/motions/box.bvh"), folder.path().join("in/box.bvh")).expect("copied");
-    run(program("replay").args(["batch", "--safe", "--input", "in", "--out", "out"])).expect("replay");
+    run(program("replay").args(["batch", "--certified", "--input", "in", "--out", "out"])).expect("replay");
     let script = "import teleopd; print(teleopd.certify(teleopd.read_motion('in/box.bvh')).positions[-1].tolist())";
     let certified = run(elsewhere(&python).args(["-c", script])).expect("Python");
     let certified = String::from_utf8_lossy(&certified.stdout).into_owned();

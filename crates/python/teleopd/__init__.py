@@ -303,7 +303,7 @@ def certify(
     motion: Motion | ArrayLike, robot: Robot | str = "tiago_dual", settings: str | os.PathLike[str] | None = None, rate_hz: int = 100, *,
     source_hz: float | None = None, calibration: str = "clip",
 ) -> Trajectory:
-    """The trajectory that the robot would play: the stages of `replay --offline` and `replay batch --safe`, row by row.
+    """The trajectory that the robot would play: the stages of `replay --offline` and `replay batch --certified`, row by row.
 
     motion: a Motion, or positions (N, 22, 3), m, at source_hz frames per second (60 by default). settings: a settings file in place of
     the robot's. rate_hz: rows per second, a divisor of 1500. Raises ValueError if the robot was stopped, did not engage, or broke a

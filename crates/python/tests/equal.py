@@ -61,7 +61,7 @@ count = len(robot.joint_names)
 assert np.array_equal(every.time_s, offline[:, 0])
 assert np.array_equal(every.positions, offline[:, 1 : count + 1])
 assert np.array_equal(every.targets, offline[:, count + 1 :])
-run("batch", "--safe", "--input", folder / "in", "--out", folder / "safe", "--format", "npz")
+run("batch", "--certified", "--input", folder / "in", "--out", folder / "safe", "--format", "npz")
 assert np.array_equal(every.positions, np.load(folder / "safe/clip.npz")["q"])
 some = teleopd.certify(motion, robot)
 for name in ("time_s", "positions", "velocities", "targets", "modes", "clearance_m", "torque_share", "frames"):

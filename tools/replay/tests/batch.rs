@@ -47,7 +47,7 @@ fn cli(input: &Path, out: &Path, more: &[&str]) -> Cli {
     let (robot, weights) = (robot(), weights());
     let paths = ["--input", &input.to_string_lossy(), "--out", &out.to_string_lossy()].map(str::to_owned);
     let mut config = vec!["--robot".to_owned(), robot.to_string_lossy().into_owned()];
-    if !more.contains(&"--safe") {
+    if !more.contains(&"--certified") {
         config.extend(["--weights".to_owned(), weights.to_string_lossy().into_owned()]);
     }
     let more = more.iter().map(|&word| word.to_owned());
@@ -94,7 +94,7 @@ fn stage_joints(limbs: Vec<[[f32; 4]; LIMBS]>, settings: &Settings) -> Vec<[f64;
 }
 
 #[test]
-fn safe_batch_keeps_every_speed_limit_that_its_postures_break() {
+fn certified_batch_keeps_every_speed_limit_that_its_postures_break() {
     let (_folder, input, out) = folders();
     // Four times as fast as the person was.
     let mut fast = clip(400, 320);
@@ -102,7 +102,7 @@ fn safe_batch_keeps_every_speed_limit_that_its_postures_break() {
     motion::save_bvh(&fast, &input.join("a.bvh")).expect("saved");
     let (model, _) = config::load_model(&robot()).expect("the robot");
     let settings = root().join("config/teleop.toml");
-    let safe = ["--safe", "--config", settings.to_str().expect("text")];
+    let certified = ["--certified", "--config", settings.to_str().expect("text")];
     let fastest = |more: &[&str]| {
         assert_eq!(go(&input, &out, &[more, &["--overwrite", "--calibration", "none"]].concat()).made, 1);
         let rows = rows(&out.join("a.csv"));
@@ -112,7 +112,7 @@ fn safe_batch_keeps_every_speed_limit_that_its_postures_break() {
         let shares = rows.windows(2).flat_map(|pair| (0..JOINTS).map(|j| share(pair, j)));
         (rows.len(), shares.fold(0.0, f64::max))
     };
-    let ((frames, postures), (ticks, commands)) = (fastest(&[]), fastest(&safe));
+    let ((frames, postures), (ticks, commands)) = (fastest(&[]), fastest(&certified));
     assert!(postures > 1.0 && commands <= 1.0 + 1e-6, "{postures}, {commands}");
     assert!(frames < 100 && ticks > 3 * 1500, "{frames}, {ticks}: it also engages and comes to rest");
 }

@@ -22,7 +22,7 @@ pub enum Method {
 
 /// Retargets a folder of motion files to joint trajectories.
 ///
-/// Without --safe they are postures, not a motion: they know no limit of speed and no clearance. Finished files are skipped. A manifest in the output folder records the input and the options of each file.
+/// Without --certified they are postures, not a motion: they know no limit of speed and no clearance. Finished files are skipped. A manifest in the output folder records the input and the options of each file.
 #[derive(Clone, Debug, Parser)]
 #[command(name = "batch", version)]
 pub struct Cli {
@@ -68,9 +68,9 @@ pub struct Cli {
     pub overwrite: bool,
     /// Write what the robot may do: every command at 1500 Hz after whole-body control and the safety gate, from its start to
     /// its end at rest. A motion of at most ten minutes.
-    #[arg(long, conflicts_with_all = ["rate", "method", "refine_steps", "weights"])]
-    pub safe: bool,
-    /// Settings of --safe.
+    #[arg(long, alias = "safe", conflicts_with_all = ["rate", "method", "refine_steps", "weights"])]
+    pub certified: bool,
+    /// Settings of --certified.
     #[arg(long, value_name = "FILE", default_value_os_t = instance::default_config())]
     pub config: PathBuf,
     #[command(flatten)]

@@ -1,14 +1,14 @@
 //! Retargets a folder of motion files to joint trajectories, on all cores. It applies the retargeting's own
 //! functions frame by frame. The results do not depend on the number of jobs. The outputs are targets, before
-//! whole-body control and before the safety gate: postures, not a motion. With `--safe` they are the commands after both.
+//! whole-body control and before the safety gate: postures, not a motion. With `--certified` they are the commands after both.
 
 mod bench;
+mod certified;
 mod cli;
 mod manifest;
 mod output;
 mod program;
 mod run;
-mod safe;
 
 pub use bench::{BenchReport, bench, synthetic};
 pub use cli::{Cli, Method};

@@ -42,13 +42,13 @@ pub fn execute(cli: &Cli) -> ExitCode {
 fn report(cli: &Cli, summary: &Summary, seconds: f64) {
     let Summary { made, postures, finished, failed, no_motion, interrupted } = summary;
     rt::out!(
-        "{made} files made with {postures} postures in {seconds:.1} s ({:.0} a second), {finished} were finished, {} \
+        "{made} files made with {postures} postures of both arms in {seconds:.1} s ({:.0} a second), {finished} were finished, {} \
          failed",
         *postures as f64 / seconds.max(1e-9),
         failed.len()
     );
-    if !cli.safe && *made > 0 {
-        rt::out!("these are postures, not a motion: a robot may not follow them; --safe writes what it may do");
+    if !cli.certified && *made > 0 {
+        rt::out!("these are postures, not a motion: a robot may not follow them; --certified writes what it may do");
     }
     for (path, reason) in no_motion {
         rt::out!("left out {}: {reason}", path.display());
@@ -73,18 +73,18 @@ fn report_bench(cli: &Cli, poses: u64) -> Result<(), Failure> {
     let ratio = report.all_cores_hz / report.one_core_hz;
     println!("{} poses of both arms, {:?}, {} refinement steps", report.poses, cli.method, cli.refine_steps);
     println!(
-        "one core      {:>10.0} poses/s, {:.1} us of processor time each",
+        "one core      {:>10.0} poses of arms/s, {:.1} us of processor time each",
         report.one_core_hz, report.one_core_cpu_us
     );
     println!(
-        "{:>2} threads    {:>10.0} poses/s, {:.1} us of processor time each; {:.0} a thread, {ratio:.2} times one core",
+        "{:>2} threads    {:>10.0} poses of arms/s, {:.1} us of processor time each; {:.0} a thread, {ratio:.2} times one core",
         report.threads,
         report.all_cores_hz,
         report.all_cores_cpu_us,
         report.all_cores_hz / report.threads as f64
     );
     println!(
-        "on idle cores {:>10.0} poses/s would be {:.2} times one core, by processor time",
+        "on idle cores {:>10.0} poses of arms/s would be {:.2} times one core, by processor time",
         report.threads as f64 * 1e6 / report.all_cores_cpu_us,
         report.threads as f64 * report.one_core_cpu_us / report.all_cores_cpu_us
     );

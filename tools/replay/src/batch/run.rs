@@ -1,10 +1,10 @@
 //! Processes the whole folder: the files, their order, the threads, and the outcome of each file.
 
+use super::certified;
 use super::cli::{Cli, Method};
 use super::failed;
 use super::manifest::{Entry, Manifest, sha256_file};
 use super::output::Writer;
-use super::safe;
 use indicatif::ProgressBar;
 use messages::JOINTS_MAX;
 use poses::postures::Postures;
@@ -55,7 +55,7 @@ pub(super) type Rows = Vec<(f64, [f64; JOINTS_MAX])>;
 
 pub(super) struct Shared<'a> {
     pub(super) cli: &'a Cli,
-    /// The settings of `--safe`.
+    /// The settings of `--certified`.
     pub(super) loaded: Option<config::Loaded>,
     model: &'a Model,
     postures: &'a Postures,
@@ -87,7 +87,7 @@ pub fn run(
     let mut summary = Summary { no_motion: listing.skipped, ..Summary::default() };
     let jobs = plan(cli, input, out, listing.files, &mut summary);
     let settings = || config::load(&cli.config, config::Overrides::robot(Some(&cli.robot)));
-    let loaded = cli.safe.then(settings).transpose().map_err(Failure::with(Exit::Config))?;
+    let loaded = cli.certified.then(settings).transpose().map_err(Failure::with(Exit::Config))?;
     let options_sha256 = options_sha256(cli, &model, loaded.as_ref().map(|loaded| loaded.hash))?;
     let manifest = Manifest::open(out)?;
     let shared = Shared { cli, loaded, model: &model, postures: &postures, options_sha256, manifest, shutdown };
@@ -116,8 +116,8 @@ pub(crate) fn load(cli: &Cli) -> Result<(Model, Postures), Failure> {
     let refused = Failure::with(Exit::Config);
     let (model, _) = cli.robot.shipped_file().and_then(|file| config::load_model(&file)).map_err(refused)?;
     let weights = match cli.method {
-        // The stages of --safe have the weights of the settings.
-        _ if cli.safe => None,
+        // The stages of --certified have the weights of the settings.
+        _ if cli.certified => None,
         Method::Network => Some(config::load_weights(&cli.weights(), &model).map_err(refused)?),
         Method::ClosedForm => None,
     };
@@ -181,7 +181,7 @@ fn options_sha256(cli: &Cli, model: &Model, settings: Option<u64>) -> Result<Str
     );
     let named = [&cli.load.mean, &cli.load.std, &cli.load.map];
     let mut files: Vec<PathBuf> = named.into_iter().flatten().cloned().collect();
-    if cli.method == Method::Network && !cli.safe {
+    if cli.method == Method::Network && !cli.certified {
         let with = |extension: &str| PathBuf::from(format!("{}.{extension}", cli.weights().display()));
         files.extend([with("toml"), with("safetensors")]);
     }
@@ -223,8 +223,8 @@ fn make(shared: &Shared<'_>, job: &Job) -> Result<Outcome, Failure> {
     }
     let motion = motion::load_with(&job.input, &cli.load).map_err(Failure::with(Exit::NoInput))?;
     let interrupted = || shared.shutdown.requested();
-    let count = if cli.safe {
-        let Some(rows) = safe::commands(shared, &job.input, &motion, interrupted)? else {
+    let count = if cli.certified {
+        let Some(rows) = certified::commands(shared, &job.input, &motion, interrupted)? else {
             return Ok(Outcome::Interrupted);
         };
         let rate_hz = f64::from(messages::TICK_HZ as u32);
