@@ -29,12 +29,7 @@ impl Robot {
         if q.shape()[1] != count {
             return Err(refused(format!("q: {} joints, {count} expected, rad or m", q.shape()[1])));
         }
-        let values = q.as_slice()?.to_vec();
-        if let Some(at) = values.iter().position(|value| !value.is_finite()) {
-            let joint = &self.model().joint_names[at % count];
-            return Err(refused(format!("q: row {}, {joint} = {}: must be finite, rad or m", at / count, values[at])));
-        }
-        Ok((rows, values))
+        Ok((rows, q.as_slice()?.to_vec()))
     }
 }
 
@@ -97,6 +92,31 @@ impl Robot {
             all.set_item(name, array(py, values, &[count])?)?;
         }
         Ok(all)
+    }
+
+    /// Hash of everything that affects a trajectory except its motion.
+    #[getter]
+    fn fingerprint(&self) -> String {
+        format!("{} {:016x}", env!("CARGO_PKG_VERSION"), self.loaded.hash)
+    }
+
+    /// Text of the URDF.
+    #[getter]
+    fn urdf(&self) -> &str {
+        &self.model().texts.urdf
+    }
+
+    /// Collision geometry: name, body, both ends in the body's frame, and radius, m.
+    #[getter]
+    fn capsules(&self) -> Vec<(String, usize, [[f64; 3]; 2], f64)> {
+        let capsules = self.model().capsules.iter();
+        capsules.map(|one| (one.name.clone(), one.body, [one.a.into(), one.b.into()], one.radius_m)).collect()
+    }
+
+    /// Indices of the capsules of each checked pair.
+    #[getter]
+    fn pairs(&self) -> Vec<(usize, usize)> {
+        self.model().pairs.iter().map(|pair| (pair.a, pair.b)).collect()
     }
 
     /// Returns `base_from_body` of every body, (N, joints + 1, 4, 4).

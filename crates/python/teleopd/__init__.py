@@ -30,6 +30,11 @@ __all__ = [
 #: names of a trajectory's modes, by number
 MODES = ("Disengaged", "Engaging", "Engaged", "Holding", "Faulted", "Recovering")
 
+#: Largest distance of a joint from the origin, m. Cameras and suits see less. It finds other units.
+POSITION_MAX_M = 1e3
+#: Largest deviation of a quaternion's norm from 1. It is above the rounding of a 16-bit float, and below any error of units.
+NORM_TOLERANCE = 1e-2
+
 
 def _settings() -> Path:
     """The settings that come with the package: beside `bin` of an installation, or in the repository."""
@@ -90,6 +95,12 @@ class Robot:
     def __repr__(self) -> str:
         return f"Robot({self._choice!r})"
 
+    def _rows(self, q: ArrayLike) -> tuple[NDArray[np.float64], bool]:
+        rows, single = _array("q", q, (len(self.joint_names),), np.float64, "rad or m")
+        for row, joint in np.argwhere(~np.isfinite(rows))[:1]:
+            raise ValueError(f"q: row {row}, {self.joint_names[joint]} = {rows[row, joint]}: must be finite, rad or m")
+        return rows, single
+
     def forward(self, q: ArrayLike) -> NDArray[np.float64]:
         """Poses of the bodies in the base frame, (joints + 1, 4, 4) or (N, joints + 1, 4, 4).
 
@@ -100,7 +111,7 @@ class Robot:
             >>> hand[:3, 3].round(2).tolist()
             [0.35, 0.47, 0.67]
         """
-        rows, single = _array("q", q, (len(self.joint_names),), np.float64, "rad or m")
+        rows, single = self._rows(q)
         poses = self._native.forward(rows)
         return poses[0] if single else poses
 
@@ -111,7 +122,7 @@ class Robot:
             >>> bool(robot.clearance(robot.home) >= robot.clearance_min_m)
             True
         """
-        rows, single = _array("q", q, (len(self.joint_names),), np.float64, "rad or m")
+        rows, single = self._rows(q)
         clearances = self._native.clearance(rows)
         return clearances[0] if single else clearances
 
@@ -129,11 +140,17 @@ class Motion:
 
     def __init__(self, positions: ArrayLike, rotations: ArrayLike | None = None, rate_hz: float = 60.0, name: str = "array") -> None:
         rows, _ = _array("positions", positions, (22, 3), np.float32, "m")
+        # NaN is outside, too.
+        for frame, joint in np.argwhere(~np.all(np.abs(rows) <= POSITION_MAX_M, axis=2))[:1]:
+            bound = f"must be within {POSITION_MAX_M:.0f} m of the origin"
+            raise ValueError(f"positions[{frame}, {joint}] = {rows[frame, joint].tolist()}: {bound}")
         turns = None
         if rotations is not None:
             turns, _ = _array("rotations", rotations, (22, 4), np.float32, "x y z w")
             if len(turns) != len(rows):
                 raise ValueError(f"rotations: {len(turns)} frames, positions: {len(rows)}")
+            for frame, joint in np.argwhere(~(np.abs(np.linalg.norm(turns, axis=2) - 1.0) <= NORM_TOLERANCE))[:1]:
+                raise ValueError(f"rotations[{frame}, {joint}] = {turns[frame, joint].tolist()}: must be a unit quaternion x y z w")
         self._native = _native.Motion(name, rows, turns, float(rate_hz))
 
     @classmethod

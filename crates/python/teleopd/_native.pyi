@@ -14,6 +14,10 @@ class Robot:
     home: NDArray[float64]
     limits: dict[str, NDArray[float64]]
     clearance_min_m: float
+    fingerprint: str
+    urdf: str
+    capsules: list[tuple[str, int, tuple[list[float], list[float]], float]]
+    pairs: list[tuple[int, int]]
     def __init__(self, choice: str, settings: str | PathLike[str]) -> None: ...
     def forward(self, q: NDArray[float64]) -> NDArray[float64]: ...
     def clearance(self, q: NDArray[float64]) -> NDArray[float64]: ...
