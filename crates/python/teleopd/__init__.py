@@ -12,6 +12,7 @@ robot's joints is `Robot.joint_names`. Wrong arguments raise ValueError, and fil
 
 from __future__ import annotations
 
+import importlib
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,6 +27,9 @@ __all__ = [
     "MODES", "Motion", "Recording", "Retargeter", "Robot", "Session", "Trajectory", "certify", "interpolate", "plot",
     "read_motion", "read_recording",
 ]
+
+#: modules that are imported on first use
+_MODULES = ("mjcf",)
 
 #: names of a trajectory's modes, by number
 MODES = ("Disengaged", "Engaging", "Engaged", "Holding", "Faulted", "Recovering")
@@ -378,7 +382,9 @@ def read_recording(path: str | os.PathLike[str], *, rate_hz: float | None = None
 
 
 def __getattr__(name: str) -> Any:
-    # Both need another package, so they are imported on first use.
+    # They are imported on first use, because they need another package.
+    if name in _MODULES:
+        return importlib.import_module(f"teleopd.{name}")
     try:
         if name == "Session":
             from .session import Session

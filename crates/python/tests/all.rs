@@ -1,7 +1,11 @@
-//! The package in a virtual environment: its examples, and the same numbers as the program `replay`.
+//! The package in a virtual environment: its examples, the same numbers as the program `replay`, and other libraries.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::LazyLock;
+
+/// The package, laid out once.
+static PACKAGE: LazyLock<PathBuf> = LazyLock::new(package);
 
 /// Lays the package out in a folder below the target folder, as an installation has it, and returns the folder.
 fn package() -> PathBuf {
@@ -29,7 +33,7 @@ fn run(script: &str, packages: &[&str], arguments: &[&Path]) {
     let venv = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-venv");
     let python = match harness::python(&venv, packages) {
         Ok(python) => python,
-        Err(why) => return println!("skipped: no NumPy for Python: {why}"),
+        Err(why) => return println!("skipped: no {} for Python: {why}", packages.join(", ")),
     };
     let version = Command::new(&python).args(["-c", "import sys; sys.exit(sys.version_info < (3, 10))"]).status();
     if !version.expect("it starts").success() {
@@ -37,15 +41,14 @@ fn run(script: &str, packages: &[&str], arguments: &[&Path]) {
     }
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests").join(script);
     let mut command = Command::new(python);
-    command.arg(script).args(arguments).env("PYTHONPATH", package()).current_dir(harness::repository());
+    command.arg(script).args(arguments).env("PYTHONPATH", &*PACKAGE).current_dir(harness::repository());
     let output = command.output().expect("it starts");
     assert!(output.status.success(), "{}{}", String::from_utf8_lossy(&output.stdout), harness::stderr(&output));
     print!("{}", String::from_utf8_lossy(&output.stdout));
 }
 
-#[test]
-fn python_library_runs_its_examples_and_equals_replay() {
-    run("examples.py", &["numpy", "matplotlib"], &[]);
+/// Runs a script with a folder that has the clip `in/clip.bvh`, and with the program `replay`.
+fn run_beside_replay(script: &str, packages: &[&str], more: &[&str]) {
     let replay = std::env::current_exe().expect("a test is a program");
     let replay = replay.ancestors().nth(2).expect("a folder").join("replay");
     if !replay.exists() {
@@ -57,5 +60,17 @@ fn python_library_runs_its_examples_and_equals_replay() {
     clip.frames = clip.frames[400..560].to_vec();
     clip.first = clip.frames.first().copied();
     motion::save_bvh(&clip, &folder.path().join("in/clip.bvh")).expect("saved");
-    run("equal.py", &["numpy"], &[folder.path(), &replay]);
+    let more = more.iter().map(Path::new);
+    run(script, packages, &[folder.path(), &replay].into_iter().chain(more).collect::<Vec<_>>());
+}
+
+#[test]
+fn python_library_runs_its_examples_and_equals_replay() {
+    run("examples.py", &["numpy", "matplotlib"], &[]);
+    run_beside_replay("equal.py", &["numpy"], &[]);
+}
+
+#[test]
+fn robots_play_their_trajectories_in_mujoco() {
+    run("mujoco_plays.py", &["numpy", "mujoco==4.0.0"], &[]);
 }

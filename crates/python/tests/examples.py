@@ -5,13 +5,16 @@ import inspect
 import sys
 
 import teleopd
-from teleopd import plotting
+from teleopd import mjcf, plotting
 
-failed = doctest.testmod(teleopd).failed + doctest.testmod(plotting).failed
-for name in teleopd.__all__:
-    if name in ("MODES", "Session", "Trajectory", "Recording"):
+modules = (teleopd, plotting, mjcf)
+failed = sum(doctest.testmod(module, optionflags=doctest.ELLIPSIS).failed for module in modules)
+public = [(name, getattr(teleopd, name)) for name in teleopd.__all__ if name not in ("MODES", "Session", "Trajectory", "Recording")]
+for module in modules[2:]:
+    public += [(name, one) for name, one in vars(module).items() if inspect.isfunction(one) and one.__module__ == module.__name__ and name[0] != "_"]
+for name, one in public:
+    if name == "main":
         continue
-    one = getattr(teleopd, name)
     places = [one, *(value for key, value in vars(one).items() if inspect.isfunction(value) and key[0] != "_")] if inspect.isclass(one) else [one]
     for place in places:
         if ">>>" not in (inspect.getdoc(place) or ""):
