@@ -85,7 +85,9 @@ fn push(
         _ => return Ok(false),
     };
     let table = tables.entry(kind).or_default();
-    if rate.zip(table.time_ns.last()).is_some_and(|(period_ns, last)| at < last + period_ns) {
+    // The first message of each period is kept. A stamp in whole ns may be just before its instant.
+    let period = |at: u64, rate_mhz: u64| (u128::from(at) + 1) * u128::from(rate_mhz) / 1_000_000_000_000;
+    if rate.zip(table.time_ns.last()).is_some_and(|(rate, last)| period(at, rate) <= period(*last, rate)) {
         return Ok(true);
     }
     if table.time_ns.len() >= ROWS_MAX {
@@ -131,15 +133,11 @@ fn push(
     Ok(true)
 }
 
-/// A recording that was read.
-struct Read {
-    tables: BTreeMap<&'static str, Table>,
-    about: BTreeMap<String, String>,
-    lost: Option<String>,
-}
+/// Messages by kind, the table about the run, and what is lost.
+type Read<T> = (T, BTreeMap<String, String>, Option<String>);
 
 /// Reads a recording until its end, or until `interrupted`.
-fn read(path: &Path, rate: Option<u64>, interrupted: &AtomicBool) -> Result<Read, PyErr> {
+fn read(path: &Path, rate: Option<u64>, interrupted: &AtomicBool) -> PyResult<Read<BTreeMap<&'static str, Table>>> {
     let open = || {
         let is_file = std::fs::metadata(path)?.is_file();
         if is_file { File::open(path) } else { Err(std::io::Error::other("is not a regular file")) }
@@ -160,21 +158,17 @@ fn read(path: &Path, rate: Option<u64>, interrupted: &AtomicBool) -> Result<Read
     if tables.is_empty() {
         return Err(failed(&format!("none of its {others} messages has a layout of this version")));
     }
-    let about = reader.table(ABOUT).cloned().unwrap_or_default();
-    Ok(Read { tables, about, lost: reader.lost().map(str::to_owned) })
+    Ok((tables, reader.table(ABOUT).cloned().unwrap_or_default(), reader.lost().map(str::to_owned)))
 }
-
-/// The parts of a recording for Python.
-type Parts<'py> = (Bound<'py, PyDict>, BTreeMap<String, String>, Option<String>);
 
 /// Returns the messages of each kind, the table about the run, and what is lost if the file is damaged.
 #[pyfunction]
-pub(crate) fn read_recording(py: Python<'_>, path: PathBuf, rate_hz: Option<f64>) -> PyResult<Parts<'_>> {
-    if let Some(rate_hz) = rate_hz.filter(|rate_hz| !(*rate_hz > 0.0)) {
-        return Err(refused(format!("rate_hz = {rate_hz}: must be positive, Hz")));
+pub(crate) fn read_recording(py: Python<'_>, path: PathBuf, rate_hz: Option<f64>) -> PyResult<Read<Bound<'_, PyDict>>> {
+    if let Some(rate_hz) = rate_hz.filter(|rate_hz| !(*rate_hz >= 1e-3)) {
+        return Err(refused(format!("rate_hz = {rate_hz}: must be at least 0.001 Hz")));
     }
-    let period_ns = rate_hz.map(|rate_hz| (1e9 / rate_hz) as u64);
-    let Read { tables, about, lost } = computed(py, |interrupted| read(&path, period_ns, interrupted))??;
+    let rate_mhz = rate_hz.map(|rate_hz| (1e3 * rate_hz).round() as u64);
+    let (tables, about, lost) = computed(py, |interrupted| read(&path, rate_mhz, interrupted))??;
     let all = PyDict::new(py);
     for (kind, table) in tables {
         all.set_item(kind, table.into_dict(py)?)?;

@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 #: modules that are imported on first use
-_MODULES = ("mjcf",)
+_MODULES = ("datasets", "lerobot", "mjcf", "ray")
 
 #: names of a trajectory's modes, by number
 MODES = ("Disengaged", "Engaging", "Engaged", "Holding", "Faulted", "Recovering")
@@ -372,7 +372,8 @@ class Recording:
 
 
 def read_recording(path: str | os.PathLike[str], *, rate_hz: float | None = None) -> Recording:
-    """The messages of a recording of `record`, `demo --record` or `replay --record`. rate_hz: messages of a kind that are kept per second.
+    """The messages of a recording of `record`, `demo --record` or `replay --record`. rate_hz: keeps the first message of a kind in
+    each period of this rate; the periods begin with the clock of the file.
 
         >>> read_recording("none.mcap")
         Traceback (most recent call last):
@@ -382,7 +383,7 @@ def read_recording(path: str | os.PathLike[str], *, rate_hz: float | None = None
 
 
 def __getattr__(name: str) -> Any:
-    # They are imported on first use, because they need another package.
+    # They are imported on first use, because most need another package.
     if name in _MODULES:
         return importlib.import_module(f"teleopd.{name}")
     try:

@@ -28,9 +28,10 @@ fn package() -> PathBuf {
     folder
 }
 
-/// Runs a script of this folder with the package. Prints the reason if this machine cannot.
+/// Runs a script of this folder with the package. Prints the reason if this machine cannot. lerobot has an environment of its own.
 fn run(script: &str, packages: &[&str], arguments: &[&Path]) {
-    let venv = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-venv");
+    let name = if packages[0].starts_with("lerobot") { "lerobot-venv" } else { "python-venv" };
+    let venv = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let python = match harness::python(&venv, packages) {
         Ok(python) => python,
         Err(why) => return println!("skipped: no {} for Python: {why}", packages.join(", ")),
@@ -66,11 +67,35 @@ fn run_beside_replay(script: &str, packages: &[&str], more: &[&str]) {
 
 #[test]
 fn python_library_runs_its_examples_and_equals_replay() {
-    run("examples.py", &["numpy", "matplotlib"], &[]);
+    run("examples.py", &["numpy", "matplotlib", "pyarrow"], &[]);
     run_beside_replay("equal.py", &["numpy"], &[]);
+}
+
+#[test]
+fn folder_of_motions_becomes_files_that_other_libraries_read() {
+    run_beside_replay("datasets_folder.py", &["numpy", "pyarrow", "pandas", "polars", "duckdb", "datasets"], &[]);
+}
+
+#[test]
+fn recordings_become_a_lerobot_dataset() {
+    run_beside_replay("lerobot_files.py", &["numpy", "pyarrow"], &[]);
+}
+
+/// Needs Python 3.12, and 5 GB.
+#[test]
+#[ignore = "installs lerobot"]
+fn lerobot_reloads_the_dataset() {
+    run_beside_replay("lerobot_files.py", &["lerobot[dataset]==0.6.1"], &["--reload"]);
 }
 
 #[test]
 fn robots_play_their_trajectories_in_mujoco() {
     run("mujoco_plays.py", &["numpy", "mujoco==4.0.0"], &[]);
+}
+
+/// Takes minutes on a busy machine.
+#[test]
+#[ignore = "installs Ray"]
+fn killed_worker_of_ray_loses_no_motion() {
+    run_beside_replay("ray_workers.py", &["numpy", "pyarrow", "ray[data]==2.60.0"], &[]);
 }

@@ -5,9 +5,9 @@ import inspect
 import sys
 
 import teleopd
-from teleopd import mjcf, plotting
+from teleopd import datasets, lerobot, mjcf, plotting, ray
 
-modules = (teleopd, plotting, mjcf)
+modules = (teleopd, plotting, datasets, lerobot, mjcf, ray)
 failed = sum(doctest.testmod(module, optionflags=doctest.ELLIPSIS).failed for module in modules)
 public = [(name, getattr(teleopd, name)) for name in teleopd.__all__ if name not in ("MODES", "Session", "Trajectory", "Recording")]
 for module in modules[2:]:
