@@ -30,7 +30,7 @@ const NETWORK: &str = "needs a network";
 const ROOT: &str = "needs root. tests/systemd runs the units";
 
 /// Rows by the beginning of the command. The first match applies.
-const ROWS: [(&str, How); 72] = [
+const ROWS: [(&str, How); 73] = [
     ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
     ("cargo run --release -- demo --robot", Ends(DEMO, "")),
     ("cargo run --release -- demo --motion", Ends(DEMO, "--seconds 3")),
@@ -61,6 +61,7 @@ const ROWS: [(&str, How); 72] = [
     ("sudo", Listed(ROOT, "2026-11-25")),
     ("systemctl", Listed(ROOT, "2026-11-25")),
     ("pip install", Listed(NETWORK, "2026-11-25")),
+    ("cargo zigbuild --profile wheel", Listed("needs zig, and minutes", "2026-11-30")),
     ("cargo zigbuild", Listed("needs zig", "2026-11-25")),
     ("cargo run --release -p dist -- --tarball", Listed("needs programs for an older glibc", "2026-11-25")),
     ("cargo run --release -p dist -- --wheel", Tested("tests/package.rs")),
