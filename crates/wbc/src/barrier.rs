@@ -25,10 +25,10 @@
 //!
 //! Nothing here is trusted. The result is a proposal, and the certificate decides.
 
-use crate::chain::joints;
+use crate::chain::{JointSet, joints};
 use crate::clearance::Anchor;
 use crate::config::Config;
-use crate::geometry::Geometry;
+use crate::geometry::{Geometry, NO_ROWS, Rows};
 use crate::interval::Bounds;
 use crate::nearest::Nearest;
 use crate::plan::{JointState, JointStop};
@@ -110,8 +110,15 @@ struct Key {
 pub(crate) struct Barrier {
     way: [Anchor; 3],
     end: Anchor,
+    /// Paths of the bodies on the plan, by the rows of [`Geometry::add_paths`], m.
+    paths: Rows,
+    /// Pairs that may come near on the plan.
+    reachable: Vec<u16>,
     /// The pair and the sample of each row, and the distance that is left there, m.
     rows: Nearest<Key>,
+    /// The keys of `rows` before those that no choice can break were dropped, and their number.
+    listed: [Key; ROWS_MAX],
+    listed_len: usize,
     problem: Problem,
     spans: [Span; JOINTS_MAX],
     active: ActiveSet,
@@ -124,7 +131,11 @@ impl Barrier {
         Self {
             way: [anchor.clone(), anchor.clone(), anchor.clone()],
             end: anchor,
+            paths: NO_ROWS,
+            reachable: Vec::with_capacity(geometry.pair_count()),
             rows: Nearest::new(),
+            listed: [Key::default(); ROWS_MAX],
+            listed_len: 0,
             problem: Problem { count: geometry.chain.count(), ..Problem::default() },
             spans: [Span::default(); JOINTS_MAX],
             active: ActiveSet::default(),
@@ -137,7 +148,7 @@ impl Barrier {
     pub(crate) fn apply(
         &mut self,
         config: &Config,
-        now: &Anchor,
+        now: &mut Anchor,
         plan: &Trajectory,
         ranges: &mut [Option<JerkRange>; JOINTS_MAX],
     ) -> Program {
@@ -163,36 +174,75 @@ impl Barrier {
         Program::Solved
     }
 
-    /// Poses the samples and lists the near pairs. The ones with the least distance left come first.
-    fn find_near(&mut self, geometry: &Geometry, now: &Anchor, plan: &Trajectory) {
+    /// Moves to the samples and lists the near pairs. The ones with the least distance left come first.
+    fn find_near(&mut self, geometry: &Geometry, now: &mut Anchor, plan: &Trajectory) {
         let end_s = plan.end_s();
+        let samples: &[usize] = if end_s > 0.0 {
+            self.end.go(geometry, plan.posture(end_s));
+            for (anchor, share) in self.way.iter_mut().zip(ON_THE_WAY) {
+                anchor.go(geometry, plan.posture(share * end_s));
+            }
+            &[ON_THE_WAY.len(), 0, 1, 2]
+        } else {
+            self.end.go(geometry, now.q);
+            &[ON_THE_WAY.len()]
+        };
+        // A key with more left would be dropped, so its pair is measured only if it may have less.
+        let most_m = self.most_left_m(geometry, now, samples) + geometry.d_min_m + EPS_M;
         self.rows.clear();
-        let moving = end_s > 0.0;
-        if moving {
-            self.end.place(geometry, plan.posture(end_s));
-        } else if self.end.q != now.q {
-            self.end.copy_from(now);
-        }
-        let mut posed = false;
-        for pair in 0..geometry.pair_count() {
-            if self.end.separation[pair].min(now.separation[pair]) >= NEAR_M {
+        self.paths = NO_ROWS;
+        geometry.add_paths(&std::array::from_fn(|j| plan.joints[j].path()), &mut self.paths);
+        // All samples lie on the plan's way from here.
+        let mut reachable = std::mem::take(&mut self.reachable);
+        geometry.list_reachable(JointSet::MAX, &now.least, &self.paths, |_| most_m, &mut reachable);
+        for &pair in &reachable {
+            let pair = usize::from(pair);
+            // A pair that is near at none of both ends has no rows.
+            if now.least[pair] > NEAR_M && self.end.is_beyond(geometry, pair, NEAR_M)
+                || samples.iter().all(|&sample| self.sample(sample).is_beyond(geometry, pair, most_m))
+                || !self.is_near(geometry, now, pair)
+            {
                 continue;
             }
-            let left = |separation: f64| separation - geometry.d_min_m - EPS_M;
-            self.rows.insert(left(self.end.separation[pair]), Key { pair, sample: ON_THE_WAY.len() });
-            if !moving {
-                continue;
-            }
-            if !posed {
-                posed = true;
-                for (anchor, share) in self.way.iter_mut().zip(ON_THE_WAY) {
-                    anchor.pose(geometry, plan.posture(share * end_s));
+            for &sample in samples {
+                if !self.sample(sample).is_beyond(geometry, pair, most_m) {
+                    let left = self.left_m(geometry, Key { pair, sample });
+                    self.rows.insert(left, Key { pair, sample });
                 }
             }
-            for sample in 0..ON_THE_WAY.len() {
-                self.rows.insert(left(self.way[sample].measure(geometry, pair)), Key { pair, sample });
-            }
         }
+        self.reachable = reachable;
+        (self.listed, self.listed_len) = (self.rows.keys, self.rows.len);
+    }
+
+    /// A bound of what is left to the keys of a full list, m. If the last tick's keys fill it again, the list has none
+    /// with more left than these. Infinite if they do not.
+    fn most_left_m(&mut self, geometry: &Geometry, now: &mut Anchor, samples: &[usize]) -> f64 {
+        let mut most_m = if self.listed_len == ROWS_MAX { f64::NEG_INFINITY } else { f64::INFINITY };
+        for k in 0..self.listed_len {
+            let key = self.listed[k];
+            if !samples.contains(&key.sample) || !self.is_near(geometry, now, key.pair) {
+                return f64::INFINITY;
+            }
+            most_m = most_m.max(self.left_m(geometry, key));
+        }
+        most_m
+    }
+
+    /// Returns true if a pair is near now or at the end of the plan.
+    fn is_near(&mut self, geometry: &Geometry, now: &mut Anchor, pair: usize) -> bool {
+        [&mut self.end, now]
+            .into_iter()
+            .any(|anchor| !anchor.is_beyond(geometry, pair, NEAR_M) && anchor.separation(geometry, pair) < NEAR_M)
+    }
+
+    fn sample(&mut self, sample: usize) -> &mut Anchor {
+        self.way.get_mut(sample).unwrap_or(&mut self.end)
+    }
+
+    /// The distance that is left to a pair at a sample, m.
+    fn left_m(&mut self, geometry: &Geometry, Key { pair, sample }: Key) -> f64 {
+        self.sample(sample).separation(geometry, pair) - geometry.d_min_m - EPS_M
     }
 
     /// Sets the range of each joint. A joint without a wanted jerk stays on its plan.
@@ -226,8 +276,8 @@ impl Barrier {
         for k in 0..self.rows.len {
             let Key { pair, sample } = self.rows.keys[k];
             let (anchor, time) = match ON_THE_WAY.get(sample) {
-                Some(share) => (&self.way[sample], share * end_s),
-                None => (&self.end, f64::INFINITY),
+                Some(share) => (&mut self.way[sample], share * end_s),
+                None => (&mut self.end, f64::INFINITY),
             };
             let gradient = anchor.gradient(geometry, pair);
             let (mut row, mut reach) = ([0.0; JOINTS_MAX], 0.0);

@@ -55,8 +55,8 @@
 //! it is the sum of |q1 - q0| over pieces in which the velocity keeps its sign, where this is exact. Pieces are split
 //! where the acceleration vanishes. A piece in which the velocity changes its sign counts max |v| dt, which is more
 //! than its path. (The difference of the positions at the ends of a tick alone could be less than the path, by up to J
-//! h^3 / 8, if a reversal lies inside. No such difference is used.) Culling starts from the anchor's separation. It is
-//! either one along an n or the distance of bounding spheres, so it is never more than the distance.
+//! h^3 / 8, if a reversal lies inside. No such difference is used.) Culling
+//! starts from the anchor's separation, or from a lower bound of it (see `clearance`), so from no more than the distance.
 //!
 //! *Interface.* A robot that executes the command with skewed delays and through splines may come closer than
 //! the command. If such an interface is configured, the certificate adds the [`deviation`](crate::interface)
@@ -81,7 +81,7 @@
 
 use crate::chain::{JointSet, Placement, Placements, joints};
 use crate::clearance::Anchor;
-use crate::geometry::{Geometry, Segment, Side};
+use crate::geometry::{Geometry, NO_ROWS, Rows, Segment, Side};
 use crate::plan::JointState;
 use crate::trajectory::{Swing, Trajectory};
 use messages::JOINTS_MAX;
@@ -170,6 +170,10 @@ pub(crate) struct Scratch {
     entries: Vec<Entry>,
     top: usize,
     reaches: Vec<Reach>,
+    /// Paths of the bodies over the whole motion, by the rows of [`Geometry::add_paths`], m.
+    paths: Rows,
+    /// Pairs that their bounds do not prove.
+    listed: Vec<u16>,
     swings: [Swing; JOINTS_MAX],
     segment: u64,
     evaluations: u32,
@@ -185,6 +189,8 @@ impl Scratch {
             entries: vec![idle; ENTRIES],
             top: 0,
             reaches: vec![Reach::default(); capsules],
+            paths: NO_ROWS,
+            listed: Vec::with_capacity(geometry.pairs.len()),
             swings: [Swing::default(); JOINTS_MAX],
             segment: 0,
             evaluations: 0,
@@ -219,7 +225,7 @@ pub(crate) fn certify(
     motion: &Trajectory,
     purpose: Purpose,
     fresh: JointSet,
-    anchor: &Anchor,
+    anchor: &mut Anchor,
     scratch: &mut Scratch,
 ) -> Verdict {
     let mut proof = Proof { geometry, motion, purpose, s: scratch };
@@ -268,33 +274,47 @@ struct Proof<'a> {
 
 impl Proof<'_> {
     /// Proves the whole motion. It first culls by path, then proves the other pairs from the anchor to rest.
-    fn whole(&mut self, fresh: JointSet, anchor: &Anchor) -> bool {
+    fn whole(&mut self, fresh: JointSet, anchor: &mut Anchor) -> bool {
         self.s.evaluations = 0;
         self.s.top = 0;
         self.begin_segment();
+        let mut paths = [0.0; JOINTS_MAX];
         for j in 0..self.geometry.chain.count() {
-            self.s.swings[j] = Swing { path: self.motion.joints[j].path(), ..Swing::default() };
+            paths[j] = self.motion.joints[j].path();
+            self.s.swings[j] = Swing { path: paths[j], ..Swing::default() };
         }
+        self.s.paths = NO_ROWS;
+        self.geometry.add_paths(&paths, &mut self.s.paths);
+        let farthest = self.geometry.d_min_m + SLACK_M + CULL_MARGIN_M;
         let mut needed = 0;
-        for (i, pair) in self.geometry.pairs.iter().enumerate() {
-            if pair.between & fresh == 0 {
-                continue;
-            }
+        // No floor is higher than the farthest. So what follows would drop the pairs too that these bounds drop.
+        let mut listed = std::mem::take(&mut self.s.listed);
+        let nearest = |pair| farthest + self.largest_deviation(pair);
+        self.geometry.list_reachable(fresh, &anchor.least, &self.s.paths, nearest, &mut listed);
+        let mut full = None;
+        for &i in &listed {
+            let i = usize::from(i);
+            let (pair, separation) = (&self.geometry.pairs[i], anchor.separation(self.geometry, i));
             let path = self.reach(pair.a).1 + self.reach(pair.b).1;
-            let left = anchor.separation[i] - self.deviation(i, |j| speed(&self.motion.joints[j].at(0.0)));
+            let left = separation - self.deviation(i, |j| speed(&self.motion.joints[j].at(0.0)));
             let (floor, rest_floor) = match self.purpose {
                 Purpose::Decision => floors(self.geometry.d_min_m, left),
                 Purpose::Recovery => recovery_floors(self.geometry.d_min_m, left),
             };
-            if anchor.separation[i] - path - self.largest_deviation(i) >= rest_floor + CULL_MARGIN_M {
+            if separation - path - self.largest_deviation(i) >= rest_floor + CULL_MARGIN_M {
                 continue;
             }
             if self.s.top == ENTRIES {
-                return self.blame(i);
+                full = full.or(Some(i));
+                break;
             }
             self.s.entries[self.s.top] = Entry { pair: i, n: [Vector3::zeros(); 2], sep: [0.0; 2], floor, rest_floor };
             self.s.top += 1;
             needed |= pair.needed;
+        }
+        self.s.listed = listed;
+        if let Some(pair) = full {
+            return self.blame(pair);
         }
         if self.s.top == 0 {
             return true;
@@ -408,11 +428,10 @@ impl Proof<'_> {
         self.deviation(pair, |j| speed(&self.s.nodes[node].x[j]))
     }
 
+    #[inline]
     fn largest_deviation(&self, pair: usize) -> f64 {
         match &self.geometry.deviation {
-            Some(deviation) if self.purpose == Purpose::Decision => {
-                deviation.largest(self.geometry, &self.geometry.pairs[pair])
-            }
+            Some(deviation) if self.purpose == Purpose::Decision => deviation.largest[pair],
             _ => 0.0,
         }
     }

@@ -149,7 +149,7 @@ pub(crate) struct Chooser<'a> {
     pub(crate) config: &'a Config,
     /// Masses and motors, with the present payload of the hands.
     pub(crate) load: Option<&'a Load>,
-    pub(crate) anchor: &'a Anchor,
+    pub(crate) anchor: &'a mut Anchor,
     pub(crate) barrier: &'a mut Barrier,
     pub(crate) scratch: &'a mut Scratch,
     pub(crate) torque: &'a mut TorqueScratch,

@@ -80,13 +80,15 @@ pub enum WbcError {
 pub struct Options {
     certificate: bool,
     torque: bool,
+    skips: bool,
     interface: Interface,
     hand_speed_m_per_s: Option<f64>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { certificate: true, torque: true, interface: Interface::default(), hand_speed_m_per_s: None }
+        let (interface, hand_speed_m_per_s) = (Interface::default(), None);
+        Self { certificate: true, torque: true, skips: true, interface, hand_speed_m_per_s }
     }
 }
 
@@ -99,6 +101,11 @@ impl Options {
     /// Switches the proof of torques off, so that a test can show that it prevents overloaded motors.
     pub fn without_torque_for_tests() -> Self {
         Self { torque: false, ..Self::default() }
+    }
+
+    /// Measures every pair in every tick, so that a test can compare the decisions.
+    pub fn without_skips_for_tests() -> Self {
+        Self { skips: false, ..Self::default() }
     }
 
     /// Sets the interface through which the robot executes the commands.
@@ -198,7 +205,8 @@ impl Config {
             home: parts.home,
             geometry: Geometry::new(parts.chain, &parts.capsules, &parts.pairs, d_min_m)?
                 .with_obstacles(&parts.obstacles)?
-                .with_interface(&options.interface, &parts.controllers, &parts.limits)?,
+                .with_interface(&options.interface, &parts.controllers, &parts.limits)?
+                .with_skips(options.skips),
             tasks: parts.tasks,
             certificate: options.certificate,
             hand: None,

@@ -61,6 +61,16 @@ pub(crate) struct CheckedPair {
     pub(crate) needed: JointSet,
 }
 
+/// For each body and each place in its list of joints, the path of the body's capsules by the joints from that place on, m.
+pub(crate) type Rows = [f64; BODIES * BODIES];
+
+/// Rows of bodies that have not moved.
+pub(crate) const NO_ROWS: Rows = [0.0; BODIES * BODIES];
+
+const fn row(body: usize, place: usize) -> usize {
+    body * BODIES + place
+}
+
 /// One capsule with the reach of each joint of its chain. An obstacle has a point on the base, which no joint reaches.
 #[derive(Clone, Debug)]
 pub(crate) struct Shape {
@@ -69,8 +79,6 @@ pub(crate) struct Shape {
     pub(crate) chain: Vec<usize>,
     /// Reach of each of them to the points of the axis, m (1 for a prismatic joint).
     pub(crate) reach: Vec<f64>,
-    /// Radius of the sphere about the middle of the axis that contains the capsule, m.
-    pub(crate) sphere: f64,
 }
 
 impl Shape {
@@ -110,6 +118,15 @@ pub struct Geometry {
     pub(crate) deviation: Option<Deviation>,
     /// Distance that every pair keeps, m.
     pub(crate) d_min_m: f64,
+    /// For each body, the joints that carry it, each with the largest reach to one of its capsules.
+    carried: Vec<Vec<(usize, f64)>>,
+    /// For each pair, the rows of both sides from the first joint that is not shared. They stand apart from the pairs,
+    /// because every tick reads all of them.
+    pair_rows: Vec<[u16; 2]>,
+    /// For each pair, the joints that change its distance.
+    between: Vec<JointSet>,
+    /// False if every pair is measured in every tick, for a test that compares the decisions.
+    pub(crate) skips: bool,
 }
 
 /// Largest number of capsules and obstacles. The certificate's marks are bits of a u128.
@@ -139,7 +156,71 @@ impl Geometry {
                 checked.push(checked_pair(&chain, &shapes, a, b));
             }
         }
-        Ok(Self { chain, shapes, pairs: checked, obstacles: Vec::new(), deviation: None, d_min_m })
+        let all = Self {
+            chain,
+            shapes,
+            pairs: checked,
+            obstacles: Vec::new(),
+            deviation: None,
+            d_min_m,
+            carried: Vec::new(),
+            pair_rows: Vec::new(),
+            between: Vec::new(),
+            skips: true,
+        };
+        Ok(all.with_rows())
+    }
+
+    /// Finds the largest reaches, and the rows of the pairs.
+    fn with_rows(mut self) -> Self {
+        let largest = |body: usize| {
+            let on_body = || self.shapes.iter().filter(move |shape| shape.capsule.body == body);
+            let most = |place: usize| on_body().map(|shape| shape.reach[place]).fold(0.0, f64::max);
+            joints(self.chain.ancestors(body)).enumerate().map(|(place, j)| (j, most(place))).collect()
+        };
+        self.carried = (0..=self.chain.count()).map(largest).collect();
+        let side = |side: Side| row(self.shapes[side.capsule].capsule.body, side.from) as u16;
+        self.pair_rows = self.pairs.iter().map(|pair| [pair.a, pair.b].map(side)).collect();
+        self.between = self.pairs.iter().map(|pair| pair.between).collect();
+        self
+    }
+
+    /// Adds to each row the path of a body's capsules while the joints travel `paths` (rad or m), m.
+    pub(crate) fn add_paths(&self, paths: &[f64; JOINTS_MAX], rows: &mut Rows) {
+        for (body, carried) in self.carried.iter().enumerate() {
+            let mut sum = 0.0;
+            for (row, &(j, reach)) in rows[row(body, 0)..row(body, carried.len())].iter_mut().zip(carried).rev() {
+                sum += reach * paths[j];
+                *row += sum;
+            }
+        }
+    }
+
+    /// The sum of a pair's two rows of paths, m: the largest change of its distance.
+    #[inline]
+    pub(crate) fn change_m(&self, pair: usize, rows: &Rows) -> f64 {
+        change_m(self.pair_rows[pair], rows)
+    }
+
+    /// Lists the pairs that `fresh` joints change and that may come nearer than `nearest_m(pair)` while the bodies move
+    /// by `paths`. `least` are lower bounds of their distances before, m.
+    pub(crate) fn list_reachable(
+        &self,
+        fresh: JointSet,
+        least: &[f64],
+        paths: &Rows,
+        nearest_m: impl Fn(usize) -> f64,
+        list: &mut Vec<u16>,
+    ) {
+        list.clear();
+        let pairs = self.between.iter().zip(&self.pair_rows).zip(least);
+        for (pair, ((between, rows), least)) in pairs.enumerate() {
+            // Written so that NaN is listed.
+            let apart = least - change_m(*rows, paths) >= nearest_m(pair);
+            if between & fresh != 0 && !apart {
+                list.push(pair as u16);
+            }
+        }
     }
 
     /// Adds solids that stand on the base. Every moving capsule must stay apart from each.
@@ -158,7 +239,7 @@ impl Geometry {
             }
         }
         self.obstacles = obstacles.to_vec();
-        Ok(self)
+        Ok(self.with_rows())
     }
 
     /// Sets the interface through which the robot executes commands within `limits`. Add obstacles first.
@@ -170,6 +251,11 @@ impl Geometry {
     ) -> Result<Self, WbcError> {
         self.deviation = Deviation::new(interface, controllers, limits, &self)?;
         Ok(self)
+    }
+
+    /// Measures every pair in every tick, if `skips` is false.
+    pub(crate) fn with_skips(self, skips: bool) -> Self {
+        Self { skips, ..self }
     }
 
     /// Bounds on the acceleration (m/s^2) and the path (m) of any point of a capsule's axis in the base frame while the
@@ -219,15 +305,19 @@ impl Geometry {
     }
 }
 
-/// Creates an entry in the list of shapes for an obstacle. Its sphere contains a box, but no sphere contains
-/// a half-space.
+#[inline]
+fn change_m([a, b]: [u16; 2], rows: &Rows) -> f64 {
+    rows[usize::from(a)] + rows[usize::from(b)]
+}
+
+/// Creates an entry in the list of shapes for an obstacle.
 fn obstacle(solid: &Solid) -> Shape {
-    let (center, sphere) = match solid {
-        Solid::HalfSpace { normal, offset_m } => (normal * *offset_m, f64::INFINITY),
-        Solid::Box { center, half_m, .. } => (*center, half_m.norm()),
+    let center = match solid {
+        Solid::HalfSpace { normal, offset_m } => normal * *offset_m,
+        Solid::Box { center, .. } => *center,
     };
     let capsule = BodyCapsule { body: 0, a: center, b: center, radius_m: 0.0 };
-    Shape { capsule, chain: Vec::new(), reach: Vec::new(), sphere }
+    Shape { capsule, chain: Vec::new(), reach: Vec::new() }
 }
 
 fn shape(chain: &KinematicChain, capsule: BodyCapsule) -> Shape {
@@ -235,7 +325,7 @@ fn shape(chain: &KinematicChain, capsule: BodyCapsule) -> Shape {
     // A norm is convex, so its largest value along the axis is at an end.
     let farthest = |j: usize| chain.reach(j, capsule.body, &capsule.a).max(chain.reach(j, capsule.body, &capsule.b));
     let reach = joints.iter().map(|&j| farthest(j)).collect();
-    Shape { capsule, chain: joints, reach, sphere: (capsule.a - capsule.b).norm() / 2.0 + capsule.radius_m }
+    Shape { capsule, chain: joints, reach }
 }
 
 fn checked_pair(chain: &KinematicChain, shapes: &[Shape], a: usize, b: usize) -> CheckedPair {

@@ -101,6 +101,8 @@ pub(crate) struct Deviation {
     skew_s: f64,
     controllers: Controllers,
     joints: [JointDeviation; JOINTS_MAX],
+    /// Largest loss of each pair at any speed and acceleration, m.
+    pub(crate) largest: Vec<f64>,
 }
 
 /// The robot's controllers. Joints of one controller have one delay.
@@ -150,12 +152,14 @@ impl Deviation {
             spline: interface.spline_error(l),
             fastest: [l.v_max, l.a_max],
         });
-        let deviation = Self { skew_s: s, controllers: controllers.clone(), joints };
+        let mut deviation = Self { skew_s: s, controllers: controllers.clone(), joints, largest: Vec::new() };
         let at_rest = |pair| deviation.loss_m(geometry, pair, |_| [0.0; 2]);
         let value = geometry.pairs.iter().map(at_rest).fold(0.0, f64::max);
         if value > REST_MAX_M {
             return Err(WbcError::Interface { key: "deviation at rest in m", value, bound: REST_MAX_M });
         }
+        let fastest = |pair| deviation.loss_m(geometry, pair, |j| deviation.joints[j].fastest);
+        deviation.largest = geometry.pairs.iter().map(fastest).collect();
         Ok(Some(deviation))
     }
 
@@ -180,10 +184,5 @@ impl Deviation {
             }
         }
         spline + if total > 0.0 { total - least } else { 0.0 }
-    }
-
-    /// Largest loss of a pair at any speed and acceleration, m.
-    pub(crate) fn largest(&self, geometry: &Geometry, pair: &CheckedPair) -> f64 {
-        self.loss_m(geometry, pair, |j| self.joints[j].fastest)
     }
 }

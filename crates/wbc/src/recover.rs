@@ -110,7 +110,7 @@ impl Recovery {
         &mut self,
         config: &Config,
         (scratch, torque, load): (&mut Scratch, &mut TorqueScratch, Option<&Load>),
-        anchor: &Anchor,
+        anchor: &mut Anchor,
         before: &JointMotion,
         on_plan: &JointMotion,
     ) -> Choice {
@@ -118,7 +118,8 @@ impl Recovery {
         torque.begin_tick();
         let reach = reach(config, before);
         let Some(mut wanted) = self.velocities(config, anchor, &reach) else { return choice };
-        let (chain, places) = (&config.geometry.chain, &anchor.placements);
+        let (chain, places) = (&config.geometry.chain, anchor.placements);
+        let places = &places;
         if let Some(hand) = &config.hand {
             let shares = hand.shares(chain, places, &wanted);
             wanted = std::array::from_fn(|j| shares[j] * wanted[j]);
@@ -162,7 +163,7 @@ impl Recovery {
     fn velocities(
         &mut self,
         config: &Config,
-        anchor: &Anchor,
+        anchor: &mut Anchor,
         reach: &[Reach; JOINTS_MAX],
     ) -> Option<[f64; JOINTS_MAX]> {
         let mut needed = false;
@@ -194,13 +195,17 @@ impl Recovery {
 
     /// Lists all pairs that are nearer than the goal. The rows get the pairs with the least distance beyond
     /// it, in that order.
-    fn find_near(&mut self, geometry: &Geometry, anchor: &Anchor) {
+    fn find_near(&mut self, geometry: &Geometry, anchor: &mut Anchor) {
         self.rows.clear();
         self.near_count = 0;
-        for (pair, separation) in anchor.separation.iter().enumerate() {
+        for pair in 0..geometry.pair_count() {
+            if anchor.is_beyond(geometry, pair, geometry.d_min_m + GOAL_M + NEAR_M) {
+                continue;
+            }
+            let separation = anchor.separation(geometry, pair);
             let left = separation - geometry.d_min_m - GOAL_M;
             if left < 0.0 {
-                self.near[self.near_count] = (pair, anchor.measure(geometry, pair));
+                self.near[self.near_count] = (pair, separation);
                 self.near_count += 1;
             }
             if left <= NEAR_M {
@@ -227,7 +232,7 @@ impl Recovery {
     }
 
     /// Returns true if no pair nearer than the goal comes closer at any tick to rest.
-    fn only_opens(&mut self, geometry: &Geometry, anchor: &Anchor, motion: &Trajectory) -> bool {
+    fn only_opens(&mut self, geometry: &Geometry, anchor: &mut Anchor, motion: &Trajectory) -> bool {
         let goal = geometry.d_min_m + GOAL_M;
         let near = &mut self.near[..self.near_count];
         if near.is_empty() {
@@ -235,17 +240,17 @@ impl Recovery {
         }
         // A smaller share of the velocities begins where the previous one began.
         for (pair, last) in near.iter_mut() {
-            *last = anchor.measure(geometry, *pair);
+            *last = anchor.separation(geometry, *pair);
         }
         let ticks = (motion.end_s() / TICK_S).ceil() as usize;
         if ticks > STOP_TICKS_MAX {
             return false;
         }
         for tick in 1..=ticks {
-            self.probe.pose(geometry, motion.posture(tick as f64 * TICK_S));
+            self.probe.go(geometry, motion.posture(tick as f64 * TICK_S));
             for (pair, last) in near.iter_mut() {
                 // A distance beyond the goal may come back to it.
-                let distance = self.probe.measure(geometry, *pair).min(goal);
+                let distance = self.probe.separation(geometry, *pair).min(goal);
                 if distance < *last - ROUNDING_M {
                     return false;
                 }
@@ -257,10 +262,10 @@ impl Recovery {
 }
 
 /// Returns true if the axis of a capsule meets a box of the surroundings.
-fn is_within_box(geometry: &Geometry, anchor: &Anchor, pair: usize) -> bool {
+fn is_within_box(geometry: &Geometry, anchor: &mut Anchor, pair: usize) -> bool {
     let checked = &geometry.pairs[pair];
     let is_box = checked.obstacle.is_some_and(|k| matches!(geometry.obstacles[k], Solid::Box { .. }));
-    is_box && anchor.measure(geometry, pair) <= ROUNDING_M - checked.radii
+    is_box && anchor.separation(geometry, pair) <= ROUNDING_M - checked.radii
 }
 
 fn reach(config: &Config, before: &JointMotion) -> [Reach; JOINTS_MAX] {

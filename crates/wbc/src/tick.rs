@@ -211,14 +211,14 @@ pub fn certify_rest(config: &Config, q: &[f64; JOINTS_MAX]) -> (bool, f64, [u32;
 /// Proves that a plan keeps d_min from now to rest, whatever computed it. Do not call it in a tick, because
 /// it allocates.
 pub fn certify_plan(config: &Config, planned: &JointMotion) -> Verdict {
-    let anchor = Anchor::new(&config.geometry, planned.q);
+    let mut anchor = Anchor::new(&config.geometry, planned.q);
     let mut scratch = Scratch::new(&config.geometry);
     certify(
         &config.geometry,
         &Trajectory::stops(planned),
         Purpose::Decision,
         config.geometry.chain.all(),
-        &anchor,
+        &mut anchor,
         &mut scratch,
     )
 }

@@ -6,7 +6,7 @@ use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use wbc::{
-    Candidate, Input, JointMotion, JointStop, Options, Permit, PlannedMotion, State, Target, certify_plan,
+    Candidate, Input, Interface, JointMotion, JointStop, Options, Permit, PlannedMotion, State, Target, certify_plan,
     certify_rest, tick,
 };
 
@@ -47,6 +47,23 @@ fn attack_on_shipped_robot_breaks_no_limit_or_clearance() {
     assert!(certify_rest(&config_of(&robot, Options::default()), &robot.home).0, "home is clear");
     let checker = attack(&robot, Options::default(), 7, 20_000, 300);
     assert_eq!(checker.violations, 0, "{:#?}", checker.first);
+}
+
+/// Also with an interface, whose deviation every pair must keep. `torture` compares the shipped robot's decisions.
+#[test]
+fn decisions_do_not_depend_on_skipped_pairs() {
+    let robot = made_up();
+    for (seed, interface) in [(103, Interface::default()), (105, Interface::JTC_100_HZ)] {
+        let options = [Options::default(), Options::without_skips_for_tests()];
+        let [config, thorough] = options.map(|options| config_of(&robot, options.interface(interface)));
+        let mut states = [&config, &thorough].map(|config| State::at_rest(config, robot.home));
+        let mut attacker = Attacker::new(&robot, Pcg64::seed_from_u64(seed));
+        for k in 0..20_000 {
+            attacker.next(k, &states[0].planned().q);
+            let out = tick(&config, &mut states[0], Stamp::NONE, input(k, &attacker));
+            assert_eq!(out, tick(&thorough, &mut states[1], Stamp::NONE, input(k, &attacker)), "seed {seed}, k {k}");
+        }
+    }
 }
 
 #[test]
