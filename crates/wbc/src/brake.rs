@@ -20,7 +20,7 @@
 
 use crate::chain::{JointSet, Placements, joints};
 use crate::config::Config;
-use crate::dynamics::PerJoint;
+use crate::dynamics::{PerJoint, Turned, TurnedJoints, turn_joints};
 use crate::plan::{JointState, PlannedMotion};
 use crate::torque::Load;
 use messages::{JOINTS_MAX, JointMotion, TICK_S};
@@ -51,20 +51,27 @@ pub(crate) struct Bearing {
     peak: PerJoint,
 }
 
-fn resting(q: &PerJoint) -> [JointState; JOINTS_MAX] {
-    std::array::from_fn(|j| JointState { q: q[j], v: 0.0, a: 0.0 })
-}
-
 impl Bearing {
-    pub(crate) fn new(config: &Config, load: &Load, places: &Placements, before: &JointMotion) -> Self {
-        let chain = &config.geometry.chain;
+    /// `places` and `now` are the bodies and the joints in this state.
+    pub(crate) fn new(
+        config: &Config,
+        load: &Load,
+        places: &Placements,
+        now: &TurnedJoints,
+        before: &JointMotion,
+    ) -> Self {
+        let (chain, all) = (&config.geometry.chain, config.geometry.chain.all());
         let matrix = load.dynamics.mass_matrix(chain, places, chain.arms()[0] | chain.arms()[1]);
-        let coasting = std::array::from_fn(|j| JointState { a: 0.0, ..before.joint(j) });
-        let still = load.torques(chain, &resting(&before.q));
-        let at_rest = before.is_at_rest();
-        let moving = if at_rest { still } else { load.torques(chain, &coasting) };
-        let ended = if at_rest { still } else { load.torques(chain, &resting(&before.rest_posture())) };
-        let mut bearing = Self { matrix, moving, still, ended, share: [1.0; JOINTS_MAX], peak: [0.0; JOINTS_MAX] };
+        let (share, peak, mut still) = ([1.0; JOINTS_MAX], [0.0; JOINTS_MAX], [0.0; JOINTS_MAX]);
+        load.dynamics.torques_at_rest(chain, now, all, &mut still);
+        let mut bearing = Self { matrix, moving: still, still, ended: still, share, peak };
+        if !before.is_at_rest() {
+            let coasting = std::array::from_fn(|j| JointState { a: 0.0, ..before.joint(j) });
+            load.dynamics.torques(chain, now, &coasting, all, &mut bearing.moving);
+            let (rest, mut turned) = (before.rest_posture(), [Turned::default(); JOINTS_MAX]);
+            turn_joints(chain, |j| rest[j], all, &mut turned);
+            load.dynamics.torques_at_rest(chain, &turned, all, &mut bearing.ended);
+        }
         for arm in chain.arms() {
             for k in joints(arm) {
                 let (bounds, x) = (&config.bounds[k], before.joint(k));

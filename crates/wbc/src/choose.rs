@@ -160,9 +160,10 @@ impl Chooser<'_> {
     /// pair is near. Then comes a smaller step, then each arm alone, and then the plan.
     pub(crate) fn choose(&mut self, before: &JointMotion, on_plan: &JointMotion, aims: &Aims, scale: f64) -> Choice {
         let plan = Trajectory::stops(before);
-        self.torque.begin_tick();
+        self.torque.begin_tick(&self.config.geometry.chain, &before.q);
         let load = self.load;
-        let bearing = load.map(|load| Bearing::new(self.config, load, &self.anchor.placements, before));
+        let bearing =
+            load.map(|load| Bearing::new(self.config, load, &self.anchor.placements, &self.torque.now, before));
         let nominal = || self.config.bounds.map(|bounds| bounds.brake);
         let brakes = bearing.as_ref().map_or_else(nominal, |bearing| bearing.brakes(self.config, before));
         let scales = self.scales(before, aims, bearing.as_ref(), scale);

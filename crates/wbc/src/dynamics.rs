@@ -54,11 +54,22 @@ pub(crate) struct Dynamics {
     empty: [Moments; 2],
 }
 
-/// A joint in one posture.
+/// A joint in one posture: rotation and origin of its body in its parent's frame.
 #[derive(Clone, Copy, Debug, Default)]
-struct Turned {
+pub(crate) struct Turned {
     r: Matrix3<f64>,
     t: Vector3<f64>,
+}
+
+/// All joints in one posture. Several motions through it share them.
+pub(crate) type TurnedJoints = [Turned; JOINTS_MAX];
+
+/// Computes the joints of `set` at `q`. The other entries stay as they are.
+pub(crate) fn turn_joints(chain: &KinematicChain, q: impl Fn(usize) -> f64, set: JointSet, turned: &mut TurnedJoints) {
+    for j in joints(set) {
+        let (r, t) = chain.joint(j, q(j));
+        turned[j] = Turned { r, t };
+    }
 }
 
 /// Motion of a body and the force on it.
@@ -98,25 +109,25 @@ impl Dynamics {
         }
     }
 
-    /// Torques (N m, N) of the joints of `set` in the motion `x`. For each joint whose torque is needed,
-    /// `set` must contain its ancestors and everything that hangs on it. Other entries stay as they are.
+    /// Torques (N m, N) of the joints of `set` in the motion `x` through the posture `turned`. For each joint whose
+    /// torque is needed, `set` must contain its ancestors and everything that hangs on it. Other entries stay as they are.
     pub(crate) fn torques(
         &self,
         chain: &KinematicChain,
+        turned: &TurnedJoints,
         x: &[JointState; JOINTS_MAX],
         set: JointSet,
         out: &mut PerJoint,
     ) {
-        let mut turned = [Turned::default(); JOINTS_MAX];
         let mut carried = [Carried::default(); BODIES];
         carried[0].ddx.z = GRAVITY_M_PER_S2;
         for j in joints(set) {
             let link = &chain.links()[j];
-            let (r, t) = chain.joint(j, x[j].q);
+            let Turned { r, t } = &turned[j];
             let above = &carried[link.parent];
             let rt = r.transpose();
             let w_above = rt * above.w;
-            let ddx = rt * (above.ddx + above.dw.cross(&t) + above.w.cross(&above.w.cross(&t)));
+            let ddx = rt * (above.ddx + above.dw.cross(t) + above.w.cross(&above.w.cross(t)));
             let (spin, push) = (link.axis * x[j].v, link.axis * x[j].a);
             let (w, dw, ddx) = if link.prismatic {
                 (w_above, rt * above.dw, ddx + push + w_above.cross(&spin) * 2.0)
@@ -127,21 +138,27 @@ impl Dynamics {
             let f = ddx * body.mass + dw.cross(&body.first) + w.cross(&w.cross(&body.first));
             let n = body.second * dw + w.cross(&(body.second * w)) + body.first.cross(&ddx);
             carried[j + 1] = Carried { w, dw, ddx, f, n };
-            turned[j] = Turned { r, t };
         }
-        let mut left = set;
-        while left != 0 {
-            let j = (JointSet::BITS - 1 - left.leading_zeros()) as usize;
-            left &= !(1 << j);
-            let link = &chain.links()[j];
-            let Carried { f, n, .. } = carried[j + 1];
-            out[j] = link.axis.dot(if link.prismatic { &f } else { &n });
-            let Turned { r, t } = &turned[j];
-            let f = r * f;
-            let above = &mut carried[link.parent];
-            above.n += r * n + t.cross(&f);
-            above.f += f;
+        pass_down(chain, turned, set, &mut carried, out);
+    }
+
+    /// The same at rest, where only gravity is left of each sum.
+    pub(crate) fn torques_at_rest(
+        &self,
+        chain: &KinematicChain,
+        turned: &TurnedJoints,
+        set: JointSet,
+        out: &mut PerJoint,
+    ) {
+        let mut carried = [Carried::default(); BODIES];
+        carried[0].ddx.z = GRAVITY_M_PER_S2;
+        for j in joints(set) {
+            let ddx = turned[j].r.tr_mul(&carried[chain.links()[j].parent].ddx);
+            let body = &self.bodies[j + 1];
+            let own = &mut carried[j + 1];
+            (own.ddx, own.f, own.n) = (ddx, ddx * body.mass, body.first.cross(&ddx));
         }
+        pass_down(chain, turned, set, &mut carried, out);
     }
 
     /// The mass matrix (kg m^2, kg m, kg) of the joints of `set` at `places`, by composite bodies in the base
@@ -188,6 +205,29 @@ impl Dynamics {
             parent.second += all.second;
         }
         matrix
+    }
+}
+
+/// Sums the forces from the tips to the base, and takes each joint's part along its axis.
+fn pass_down(
+    chain: &KinematicChain,
+    turned: &TurnedJoints,
+    set: JointSet,
+    carried: &mut [Carried; BODIES],
+    out: &mut PerJoint,
+) {
+    let mut left = set;
+    while left != 0 {
+        let j = (JointSet::BITS - 1 - left.leading_zeros()) as usize;
+        left &= !(1 << j);
+        let link = &chain.links()[j];
+        let Carried { f, n, .. } = carried[j + 1];
+        out[j] = link.axis.dot(if link.prismatic { &f } else { &n });
+        let Turned { r, t } = &turned[j];
+        let f = r * f;
+        let above = &mut carried[link.parent];
+        above.n += r * n + t.cross(&f);
+        above.f += f;
     }
 }
 

@@ -102,17 +102,25 @@ impl HandSpeed {
         let fastest: [f64; JOINTS_MAX] = std::array::from_fn(|j| motion.joints[j].fastest());
         // Written so that NaN is refused.
         let by_levers = |point: &Point| point.fastest(chain, places, &paths, |j| fastest[j]) <= self.max_m_per_s;
-        self.points.iter().all(by_levers) || self.is_kept_by_segments(chain, places, motion)
+        let left = [0, 1, 2, 3].map(|i| self.points.get(i).filter(|point| !by_levers(point)));
+        left.iter().all(Option::is_none) || self.is_kept_by_segments(chain, places, motion, left)
     }
 
-    fn is_kept_by_segments(&self, chain: &KinematicChain, places: &Placements, motion: &Trajectory) -> bool {
-        let needed = self.points.iter().fold(0, |set, point| set | chain.ancestors(point.body));
+    /// The proof by segments of the points that are left.
+    fn is_kept_by_segments(
+        &self,
+        chain: &KinematicChain,
+        places: &Placements,
+        motion: &Trajectory,
+        left: [Option<&Point>; POINTS],
+    ) -> bool {
+        let needed = left.into_iter().flatten().fold(0, |set, point| set | chain.ancestors(point.body));
         let end_s = motion.end_s();
-        let at = |t: f64| -> [JointState; JOINTS_MAX] { std::array::from_fn(|j| motion.joints[j].at(t)) };
+        let state =
+            |j: usize, t: f64| if needed & 1 << j != 0 { motion.joints[j].at(t) } else { JointState::default() };
+        let at = |t: f64| -> [JointState; JOINTS_MAX] { std::array::from_fn(|j| state(j, t)) };
         let speeds = |places: &Placements, x: &[JointState; JOINTS_MAX]| -> [f64; POINTS] {
-            std::array::from_fn(|i| {
-                self.points.get(i).map_or(0.0, |point| point.velocity(chain, places, |j| x[j].v).norm())
-            })
+            left.map(|point| point.map_or(0.0, |point| point.velocity(chain, places, |j| x[j].v).norm()))
         };
         let mut there = *places;
         let (mut t0, mut x0) = (0.0, at(0.0));
@@ -123,8 +131,9 @@ impl HandSpeed {
             let x1 = at(t1);
             chain.forward(&x1.map(|x| x.q), needed, &mut there);
             let speed1 = speeds(&there, &x1);
-            let swings: [Swing; JOINTS_MAX] = std::array::from_fn(|j| motion.joints[j].swing(t0, t1, x0[j], x1[j]));
-            let kept = self.points.iter().enumerate().all(|(i, point)| {
+            let mut swings = [Swing::default(); JOINTS_MAX];
+            joints(needed).for_each(|j| swings[j] = motion.joints[j].swing(t0, t1, x0[j], x1[j]));
+            let kept = left.iter().enumerate().filter_map(|(i, point)| Some((i, (*point)?))).all(|(i, point)| {
                 let sag = point.acceleration(chain, &swings) * (t1 - t0);
                 0.5 * (speed0[i] + speed1[i] + sag) <= self.max_m_per_s
             });

@@ -115,7 +115,7 @@ impl Recovery {
         on_plan: &JointMotion,
     ) -> Choice {
         let mut choice = Choice::plan(*on_plan);
-        torque.begin_tick();
+        torque.begin_tick(&config.geometry.chain, &before.q);
         let reach = reach(config, before);
         let Some(mut wanted) = self.velocities(config, anchor, &reach) else { return choice };
         let (chain, places) = (&config.geometry.chain, anchor.placements);

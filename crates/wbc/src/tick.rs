@@ -240,6 +240,7 @@ pub fn certify_torque(config: &Config, planned: &JointMotion) -> TorqueVerdict {
     let Some(load) = &config.load else { return TorqueVerdict { blamed: None, evaluations: 0 } };
     let mut scratch = TorqueScratch::new();
     let chain = &config.geometry.chain;
+    scratch.begin_tick(chain, &planned.q);
     torque::prove(load, chain, &Trajectory::stops(planned), chain.all(), &mut scratch)
 }
 

@@ -8,6 +8,20 @@ use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 use robot::Payload;
 
+/// The product of a matrix of `LANES` times four rows, column by column, and a vector.
+#[inline]
+fn times<const LANES: usize>(matrix: &[[f64; 4]], vector: &PerJoint) -> [f64; JOINTS_MAX] {
+    let mut sums = [[0.0; 4]; LANES];
+    for (column, x) in matrix.chunks_exact(LANES).zip(vector) {
+        for (sum, m) in sums.iter_mut().zip(column) {
+            *sum = std::array::from_fn(|lane| sum[lane] + m[lane] * x);
+        }
+    }
+    let mut product = [0.0; JOINTS_MAX];
+    product.iter_mut().zip(sums.as_flattened()).for_each(|(out, sum)| *out = *sum);
+    product
+}
+
 /// The effect of a body's mass on the joints that carry it.
 #[derive(Clone, Debug, Default)]
 struct Carried {
@@ -15,6 +29,8 @@ struct Carried {
     turns: Vec<usize>,
     /// Prismatic joints between the base and the body. They come before all revolute ones.
     slides: Vec<usize>,
+    /// All of these.
+    joints: JointSet,
     /// D: largest distance of the body's origin from the axis of each of `turns`, m. It is zero for the last one.
     away: Vec<f64>,
     /// The axis of the last of `turns`.
@@ -25,8 +41,9 @@ struct Carried {
     mass_kg: f64,
     /// W: largest first moment about each of `turns`, kg m.
     first: Vec<f64>,
-    /// N: largest product of inertia about each pair of `turns`, row by row, kg m^2.
-    second: Vec<f64>,
+    /// N: largest product of inertia about each pair of `turns`, kg m^2. Each column is `lanes` times four entries.
+    second: Vec<[f64; 4]>,
+    lanes: usize,
 }
 
 /// The tables of a robot.
@@ -37,7 +54,7 @@ pub(crate) struct Curves {
     /// The bodies of the left and the right hand.
     hands: [usize; 2],
     bodies: Vec<Carried>,
-    /// Bound of each entry of the mass matrix, kg m^2, kg m or kg.
+    /// Bound of each entry of the mass matrix, column by column, kg m^2, kg m or kg.
     matrix: [PerJoint; JOINTS_MAX],
 }
 
@@ -82,8 +99,13 @@ impl Carried {
             away[k] = chain.links()[turns[k]].axis.cross(&offset(k + 1)).norm() + rest;
         }
         let empty = (mass.mass_kg, mass.center, second_moments(mass, &axis));
-        let (first, second) = (vec![0.0; n], vec![0.0; n * n]);
-        let mut carried = Self { turns, slides, away, axis, empty, mass_kg: mass.mass_kg, first, second };
+        let lanes = match n.div_ceil(4) {
+            few @ 0..=2 => few.max(1),
+            _ => JOINTS_MAX.div_ceil(4),
+        };
+        let (first, second) = (vec![0.0; n], vec![[0.0; 4]; lanes * n]);
+        let mut carried =
+            Self { turns, slides, joints: set, away, axis, empty, mass_kg: mass.mass_kg, first, second, lanes };
         carried.carry(&Payload::EMPTY);
         carried
     }
@@ -105,7 +127,7 @@ impl Carried {
             self.first[k] =
                 if k + 1 == n { m * self.axis.cross(&center).norm() } else { m * (away[k] + center.norm()) };
             for l in 0..n {
-                self.second[k * n + l] = match (k + 1 == n, l + 1 == n) {
+                self.second[l * self.lanes + k / 4][k % 4] = match (k + 1 == n, l + 1 == n) {
                     (true, true) => second_own,
                     (true, false) => away[l] * (m * second_own).sqrt() + (second * second_own).sqrt(),
                     (false, true) => away[k] * (m * second_own).sqrt() + (second * second_own).sqrt(),
@@ -148,10 +170,9 @@ impl Curves {
     fn bound_matrix(&mut self) {
         let mut matrix = [[0.0; JOINTS_MAX]; JOINTS_MAX];
         for body in &self.bodies {
-            let n = body.turns.len();
             for (i, &j) in body.turns.iter().enumerate() {
                 for (l, &k) in body.turns.iter().enumerate() {
-                    matrix[j][k] += body.second[i * n + l];
+                    matrix[k][j] += body.second[l * body.lanes + i / 4][i % 4];
                 }
                 for &k in &body.slides {
                     matrix[j][k] += body.first[i];
@@ -188,20 +209,26 @@ impl Curves {
             };
             let own = Sums { v: above.v + v, a: above.a + a, jerk: above.jerk + jerk };
             sums[j + 1] = own;
+            if self.bodies[j + 1].joints & open == 0 {
+                continue;
+            }
             self.add(&self.bodies[j + 1], &own, &terms, arcs, open, &mut curves);
         }
         let mut slack = [[0.0; JOINTS_MAX]; 2];
         for j in joints(open) {
             slack[0][j] = curves[j] * dt * dt / 8.0;
-            slack[1][j] = self.matrix[j].iter().zip(arcs).map(|(m, arc)| m * arc.kink).sum();
+        }
+        // Column by column, so that the processor need not wait for one sum after another.
+        for (column, arc) in self.matrix.iter().zip(arcs).filter(|(_, arc)| arc.kink != 0.0) {
+            slack[1].iter_mut().zip(column).for_each(|(sum, m)| *sum += m * arc.kink);
         }
         slack
     }
 
     /// Time of the kink that may take the torque of `joint` farthest from its chord.
     pub(crate) fn sharpest(&self, arcs: &[Arc; JOINTS_MAX], joint: usize) -> f64 {
-        let row = self.matrix[joint].iter().zip(arcs);
-        row.fold((0.0, 0.0), |most, (m, arc)| if m * arc.kink > most.0 { (m * arc.kink, arc.kink_t) } else { most }).1
+        let row = self.matrix.iter().zip(arcs).map(|(column, arc)| (column[joint] * arc.kink, arc.kink_t));
+        row.fold((0.0, 0.0), |most, this| if this.0 > most.0 { this } else { most }).1
     }
 
     /// Adds the contribution of one body to the curvature of each torque.
@@ -222,7 +249,6 @@ impl Curves {
             lift_rate += arcs[k].slope;
         }
         let gravity = lift * turned + 2.0 * turn * lift_rate;
-        let n = body.turns.len();
         let mut felt = [0.0; JOINTS_MAX];
         let mut carried = 0.0;
         for (i, &k) in body.turns.iter().enumerate() {
@@ -230,11 +256,14 @@ impl Curves {
             felt[i] = value * 2.0 * (turned + turn * turn) + 4.0 * turn * rate + curve;
             carried += body.first[i] * (value * turned + 2.0 * turn * rate + curve);
         }
+        let inertial = match body.lanes {
+            0..=1 => times::<1>(&body.second, &felt),
+            2 => times::<2>(&body.second, &felt),
+            _ => times::<{ JOINTS_MAX.div_ceil(4) }>(&body.second, &felt),
+        };
         for (i, &j) in body.turns.iter().enumerate() {
             if open & 1 << j != 0 {
-                let row = &body.second[i * n..(i + 1) * n];
-                let inertial: f64 = row.iter().zip(&felt).map(|(m, felt)| m * felt).sum();
-                curves[j] += body.first[i] * gravity + inertial;
+                curves[j] += body.first[i] * gravity + inertial[i];
             }
         }
         for &j in &body.slides {

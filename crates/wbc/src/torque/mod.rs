@@ -78,7 +78,7 @@ mod tests;
 
 use crate::chain::{BODIES, JointSet, KinematicChain, joints};
 use crate::config::WbcError;
-use crate::dynamics::{Dynamics, Mass, PerJoint};
+use crate::dynamics::{Dynamics, Mass, PerJoint, Turned, TurnedJoints, turn_joints};
 use crate::plan::{JointState, PlannedMotion};
 use crate::trajectory::{Arc, Trajectory};
 use curve::Curves;
@@ -172,8 +172,9 @@ impl Load {
 
     /// Torques of all joints, N m or N.
     pub(crate) fn torques(&self, chain: &KinematicChain, x: &[JointState; JOINTS_MAX]) -> PerJoint {
-        let mut torques = [0.0; JOINTS_MAX];
-        self.dynamics.torques(chain, x, chain.all(), &mut torques);
+        let (mut torques, mut turned) = ([0.0; JOINTS_MAX], [Turned::default(); JOINTS_MAX]);
+        turn_joints(chain, |j| x[j].q, chain.all(), &mut turned);
+        self.dynamics.torques(chain, &turned, x, chain.all(), &mut torques);
         torques
     }
 }
@@ -190,6 +191,10 @@ struct Node {
 #[derive(Clone, Debug)]
 pub(crate) struct TorqueScratch {
     nodes: [Node; DEPTH_MAX + 3],
+    /// The joints at the beginning of the tick.
+    pub(crate) now: TurnedJoints,
+    /// The joints at the node that was evaluated last.
+    turned: TurnedJoints,
     evaluations: u32,
     /// Number of evaluations that the tick may still make.
     left: u32,
@@ -199,12 +204,14 @@ pub(crate) struct TorqueScratch {
 impl TorqueScratch {
     pub(crate) fn new() -> Self {
         let node = Node { t: 0.0, x: [JointState::default(); JOINTS_MAX], torque: [0.0; JOINTS_MAX] };
-        Self { nodes: [node; DEPTH_MAX + 3], evaluations: 0, left: EVALUATIONS_OF_TICK, blamed: 0 }
+        let (turned, left) = ([Turned::default(); JOINTS_MAX], EVALUATIONS_OF_TICK);
+        Self { nodes: [node; DEPTH_MAX + 3], now: turned, turned, evaluations: 0, left, blamed: 0 }
     }
 
-    /// Begins a new tick, in which no evaluation has been made.
-    pub(crate) fn begin_tick(&mut self) {
+    /// Begins a new tick at `q`, in which no evaluation has been made. All its motions begin there.
+    pub(crate) fn begin_tick(&mut self, chain: &KinematicChain, q: &PerJoint) {
         self.left = EVALUATIONS_OF_TICK;
+        turn_joints(chain, |j| q[j], chain.all(), &mut self.now);
     }
 }
 
@@ -300,13 +307,18 @@ impl Proof<'_> {
     }
 
     fn evaluate(&mut self, node: usize, t: f64, needed: JointSet) {
-        let node = &mut self.s.nodes[node];
+        let TorqueScratch { nodes, now, turned, evaluations, .. } = &mut *self.s;
+        let node = &mut nodes[node];
         node.t = t;
         for j in joints(needed) {
             node.x[j] = self.motion.joints[j].at(t);
         }
-        self.load.dynamics.torques(self.chain, &node.x, needed, &mut node.torque);
-        self.s.evaluations += 1;
+        if t > 0.0 {
+            turn_joints(self.chain, |j| node.x[j].q, needed, turned);
+        }
+        let turned = if t > 0.0 { turned } else { now };
+        self.load.dynamics.torques(self.chain, turned, &node.x, needed, &mut node.torque);
+        *evaluations += 1;
     }
 
     /// Returns true if the torques of `open` are within their limits at a node.
