@@ -23,6 +23,7 @@ mod denial;
 mod fixed;
 mod hand;
 mod interface;
+mod known;
 mod stop;
 mod stored;
 #[cfg(test)]
@@ -41,7 +42,7 @@ use check::{Limits, all_limits, comes_to_rest, same_stop};
 use fixed::{Point, UNITS};
 use stop::Stop;
 use stored::{Phases, Stored, quantised_phases, write_phases};
-use way::{Asked, Ways};
+use way::{Asked, Memory, Ways};
 
 /// Slack for the distance routine, m. It errs by less than 1e-12 m at the size of a robot (`clearance` tests).
 const CLEARANCE_SLACK_M: f64 = 1e-9;
@@ -94,6 +95,12 @@ impl Config {
         })
     }
 
+    /// Looks at every pair in every tick, so that a test can compare the verdicts.
+    pub fn without_known_for_tests(mut self) -> Self {
+        self.ways.uses_known = false;
+        self
+    }
+
     /// Adds a bound: elbows and hands move no faster than `max` in the base frame, m/s.
     pub fn with_hand_speed(self, max: f64) -> Result<Self, ConfigError> {
         // Written so that NaN is refused too.
@@ -107,7 +114,7 @@ impl Config {
     }
 }
 
-/// State of the gate: the last state that was sent, with its plan.
+/// State of the gate: the last state that was sent, with its plan. It belongs to one configuration.
 #[derive(Clone, Debug)]
 pub struct State {
     stored: Stored,
@@ -117,8 +124,8 @@ pub struct State {
     seed_refused: bool,
     /// Number of commands denied since start.
     denials: u64,
-    /// The pair that was nearest at the last new motion. It is measured first.
-    nearest: usize,
+    /// Known bounds of the distances, and working memory.
+    memory: Box<Memory>,
 }
 
 impl State {
@@ -133,7 +140,7 @@ impl State {
             k: None,
             seed_refused,
             denials: 0,
-            nearest: 0,
+            memory: Memory::new(),
         }
     }
 
@@ -232,34 +239,28 @@ pub fn tick(config: &Config, state: &mut State, _now: Stamp, proposed: Proposed)
         None => 1,
         Some(last) => proposed.k.saturating_sub(last),
     };
-    let last: [Point; JOINTS_MAX] = core::array::from_fn(|j| state.stored.joint(j).0);
-    let on_plan = state.stored.later(ticks);
-    let judged = judge(config, state, &last, &on_plan, ticks, &proposed);
-    let passed = judged.unwrap_or_else(|denial| {
-        state.denials = state.denials.saturating_add(1);
-        Passed { verdict: Verdict::Deny(denial), stored: on_plan, clearance_m: f64::NAN }
-    });
-    state.stored = passed.stored;
+    let (verdict, clearance_m) = match judge(config, state, ticks, &proposed) {
+        Ok(Some((stored, clearance_m))) => {
+            state.stored = stored;
+            (Verdict::Accept, clearance_m)
+        }
+        Ok(None) => {
+            state.stored.play(ticks);
+            (Verdict::OnPlan, f64::NAN)
+        }
+        Err(denial) => {
+            state.denials = state.denials.saturating_add(1);
+            state.stored.play(ticks);
+            (Verdict::Deny(denial), f64::NAN)
+        }
+    };
     state.k = Some(state.k.map_or(proposed.k, |last| last.max(proposed.k)));
     // The judged, rounded values are sent, and not the proposal's own bits.
-    Decision { verdict: passed.verdict, motion: motion(&passed.stored), clearance_m: passed.clearance_m }
+    Decision { verdict, motion: motion(&state.stored), clearance_m }
 }
 
-/// A command that may be sent, and the verdict on it.
-struct Passed {
-    verdict: Verdict,
-    stored: Stored,
-    clearance_m: f64,
-}
-
-fn judge(
-    config: &Config,
-    state: &mut State,
-    last: &[Point; JOINTS_MAX],
-    on_plan: &Stored,
-    ticks: u64,
-    proposed: &Proposed,
-) -> Result<Passed, Denial> {
+/// Judges a proposal. Returns the new motion with its least clearance, m. None if it is the stored plan, as it is played.
+fn judge(config: &Config, state: &mut State, ticks: u64, proposed: &Proposed) -> Result<Option<(Stored, f64)>, Denial> {
     if state.seed_refused {
         return Err(Denial::Seed);
     }
@@ -268,6 +269,7 @@ fn judge(
     }
     let mut next = [Point::default(); JOINTS_MAX];
     let mut phases = [Phases::default(); JOINTS_MAX];
+    let mut on_plan = [Point::default(); JOINTS_MAX];
     let mut all_on_plan = true;
     let asked = &proposed.motion;
     for j in 0..config.count {
@@ -275,7 +277,8 @@ fn judge(
         let stop = quantised_phases(&asked.plan, j);
         let denial = Denial::Joint { joint: j, check: Check::Finite };
         (next[j], phases[j]) = point.zip(stop).ok_or(denial)?;
-        let (plan_point, plan_rest) = on_plan.joint(j);
+        let (plan_point, plan_rest) = state.stored.joint(j, ticks);
+        on_plan[j] = plan_point;
         all_on_plan &= next[j].is_near(plan_point, check::SLACK) && same_stop(&phases[j], &plan_rest);
     }
     if let Some(joint) = (config.count..JOINTS_MAX).find(|&j| !is_absent(asked, j)) {
@@ -283,7 +286,7 @@ fn judge(
     }
     if all_on_plan {
         // A denial would send the same command. So there is nothing to judge, and the gate's own values are sent.
-        return Ok(Passed { verdict: Verdict::OnPlan, stored: *on_plan, clearance_m: f64::NAN });
+        return Ok(None);
     }
     let speed_scale = match proposed.permit {
         Permit::Follow { speed_scale } => speed_scale,
@@ -291,14 +294,14 @@ fn judge(
         Permit::Stop => return Err(Denial::Permit),
     };
     let recovers = proposed.permit == Permit::Recover;
+    let last: [Point; JOINTS_MAX] = core::array::from_fn(|j| state.stored.joint(j, 0).0);
     let mut stops = [Stop::new(Point::default(), &Phases::default()); JOINTS_MAX];
     for j in 0..config.count {
         let limits = &config.limits[j];
         let limits = if recovers { &limits.recovering(last[j], config.recovery_v[j]) } else { limits };
-        let plan_point = on_plan.joint(j).0;
         let judged = limits
-            .step(last[j], next[j], plan_point)
-            .and_then(|()| limits.slow(last[j], next[j], plan_point, speed_scale))
+            .step(last[j], next[j], on_plan[j])
+            .and_then(|()| limits.slow(last[j], next[j], on_plan[j], speed_scale))
             .and_then(|()| limits.stop(next[j], &phases[j]));
         stops[j] = judged.map_err(|check| Denial::Joint { joint: j, check })?;
     }
@@ -311,8 +314,8 @@ fn judge(
         // If the clearance is NaN, d_min stays.
         asked.least_m = asked.least_m.min(at_last - RECOVERY_SLACK_M);
     }
-    let clearance_m = config.ways.judge(&next, &stops, asked, &mut state.nearest)?;
-    Ok(Passed { verdict: Verdict::Accept, stored: Stored::new(next, phases), clearance_m })
+    let clearance_m = config.ways.judge(&next, &stops, asked, &mut state.memory)?;
+    Ok(Some((Stored::new(next, phases), clearance_m)))
 }
 
 /// Returns true if a motion has nothing but zeros for a joint.
@@ -325,7 +328,7 @@ fn is_absent(motion: &JointMotion, j: usize) -> bool {
 fn motion(stored: &Stored) -> JointMotion {
     let mut out = JointMotion::rest([0.0; JOINTS_MAX]);
     for j in 0..JOINTS_MAX {
-        let (point, rest) = stored.joint(j);
+        let (point, rest) = stored.joint(j, 0);
         out.q[j] = point.q as f64 / UNITS;
         out.v[j] = point.v as f64 / UNITS;
         out.a[j] = point.a as f64 / UNITS;

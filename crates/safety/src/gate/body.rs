@@ -91,8 +91,18 @@ struct Pair {
     needed: (JointSet, u64),
 }
 
-/// Largest displacement of each capsule by the joints from a place of its list on, m.
-pub(super) type Moved = [[f64; JOINTS_MAX + 1]; CAPSULES_MAX];
+/// Largest displacement of the capsules of each body by the joints from a place of its list on, m. There is a row for each
+/// body and place.
+pub(super) type Rows = [f64; ROWS];
+
+const ROWS: usize = (JOINTS_MAX + 1) * (JOINTS_MAX + 1);
+
+/// Rows of bodies that have not moved.
+pub(super) const NO_ROWS: Rows = [0.0; ROWS];
+
+const fn row(body: usize, place: usize) -> usize {
+    body * (JOINTS_MAX + 1) + place
+}
 
 /// Bodies, capsules, obstacles and checked pairs of one robot.
 #[derive(Clone, Debug)]
@@ -101,6 +111,11 @@ pub(super) struct Body {
     capsules: Vec<Capsule>,
     obstacles: Vec<Solid>,
     pairs: Vec<Pair>,
+    /// For both sides of each pair, the row of the body from the first joint that is not shared. An obstacle has that of
+    /// the base. They stand apart from the pairs, because every tick reads all of them.
+    rows: Vec<[u16; 2]>,
+    /// For each body, the joints that carry it, each with the largest lever on one of its capsules.
+    carried: Vec<Vec<(usize, f64)>>,
     /// Elbows and hands, whose speed is bounded. They are capsules of which both ends are one point.
     points: Vec<Capsule>,
 }
@@ -132,12 +147,13 @@ impl Body {
             }
         };
         let joints = (0..model.count).map(&mut joint).collect();
-        let empty = Vec::new;
-        let mut body = Self { joints, capsules: empty(), obstacles: Vec::new(), pairs: Vec::new(), points: empty() };
+        let (capsules, obstacles, pairs, rows, carried, points) = (vec![], vec![], vec![], vec![], vec![], vec![]);
+        let mut body = Self { joints, capsules, obstacles, pairs, rows, carried, points };
         let on = |at: usize, ends: [Vector3<f64>; 2]| ends.map(|end| turned[at].transpose() * end);
         let capsules = model.capsules.iter().map(|c| body.carried(c.body, on(c.body, [c.a, c.b]), c.radius_m));
         let points = model.speed_points().map(|point| body.carried(point.body, on(point.body, [point.at; 2]), 0.0));
         (body.capsules, body.points) = (capsules.collect(), points.to_vec());
+        body.carried = (0..=model.count).map(|at| body.largest_levers(at)).collect();
         body.obstacles = model.obstacles.iter().map(|obstacle| obstacle.solid).collect();
         body.pairs = model.pairs.iter().map(|pair| body.pair(pair.a, pair.b)).collect();
         for a in (0..body.capsules.len()).filter(|&a| body.capsules[a].body != 0) {
@@ -145,6 +161,12 @@ impl Body {
             let pair = |k| Pair { a, from: 0, other: Other::Obstacle(k), needed };
             body.pairs.extend((0..body.obstacles.len()).map(pair));
         }
+        let side = |capsule: usize, from| row(body.capsules[capsule].body, from) as u16;
+        let rows = body.pairs.iter().map(|pair| match pair.other {
+            Other::Capsule(b, from) => [side(pair.a, pair.from), side(b, from)],
+            Other::Obstacle(_) => [side(pair.a, pair.from), row(0, 0) as u16],
+        });
+        body.rows = rows.collect();
         body
     }
 
@@ -159,6 +181,12 @@ impl Body {
         // A parent has a smaller index than its child. So the joints that both lists share are first in both.
         let from = (sets[0] & sets[1]).count_ones() as usize;
         Pair { a, from, other: Other::Capsule(b, from), needed: (sets[0] | sets[1], 1 << a | 1 << b) }
+    }
+
+    fn largest_levers(&self, body: usize) -> Vec<(usize, f64)> {
+        let on_body = || self.capsules.iter().filter(|capsule| capsule.body == body);
+        let most = |place: usize| on_body().map(|capsule| capsule.carried[place].1).fold(0.0, f64::max);
+        self.carriers(body).enumerate().map(|(place, j)| (j, most(place))).collect()
     }
 
     /// Returns the joints between the base and `body`.
@@ -300,23 +328,22 @@ impl Body {
         of_axis - a.radius_m
     }
 
-    /// Largest displacement of each capsule by joints that move by `travel` (rad, m), from every place of its list on.
-    pub(super) fn moved(&self, travel: &[f64; JOINTS_MAX]) -> Moved {
-        let mut moved = [[0.0; JOINTS_MAX + 1]; CAPSULES_MAX];
-        for (capsule, moved) in self.capsules.iter().zip(&mut moved) {
+    /// Adds to each row the largest displacement of the body's capsules by joints that move by `travel` (rad, m), m.
+    pub(super) fn move_by(&self, travel: &[f64; JOINTS_MAX], rows: &mut Rows) {
+        for (body, levers) in self.carried.iter().enumerate() {
             let mut sum = 0.0;
-            for (place, &(j, lever)) in capsule.carried.iter().enumerate().rev() {
+            for (row, &(j, lever)) in rows[row(body, 0)..row(body, levers.len())].iter_mut().zip(levers).rev() {
                 sum += lever * travel[j];
-                moved[place] = sum;
+                *row += sum;
             }
         }
-        moved
     }
 
     /// Largest change of a pair's distance, m.
-    pub(super) fn change(&self, pair: usize, moved: &Moved) -> f64 {
-        let Pair { a, from, other, .. } = self.pairs[pair];
-        moved[a][from] + if let Other::Capsule(b, from) = other { moved[b][from] } else { 0.0 }
+    #[inline]
+    pub(super) fn change(&self, pair: usize, moved: &Rows) -> f64 {
+        let [a, b] = self.rows[pair].map(usize::from);
+        moved[a] + moved[b]
     }
 
     /// Returns the joints between a pair's bodies, on both sides, each with its lever.

@@ -131,6 +131,10 @@ impl Point {
 
     /// State after `t` of constant jerk: a' = a + j t, v' = v + (a + a') t / 2, q' = q + (6 v + (2 a + a') t) t / 6.
     pub(super) fn after(self, jerk: i64, t: i64) -> Self {
+        if t == 0 {
+            // The sums below would add nothing.
+            return self;
+        }
         let a = clamped(i128::from(self.a) + scaled(jerk, t, TIME_BITS), ACCELERATION_CLAMP);
         self.reaching(a, t)
     }
@@ -154,8 +158,15 @@ impl Point {
 impl Phase {
     /// Time within the phase at which the acceleration, which begins at `a`, is zero or nearest to zero.
     fn turn(self, a: i64) -> i64 {
-        let turn = (-i128::from(a) << TIME_BITS).checked_div(i128::from(self.jerk)).unwrap_or(0);
-        turn.clamp(0, i128::from(self.duration)) as i64
+        let (against, jerk) = (-i128::from(a) << TIME_BITS, i128::from(self.jerk));
+        // A quotient is slow. It would be clamped to one of the ends in most phases, as a product tells.
+        if jerk == 0 || against.signum() != jerk.signum() {
+            return 0;
+        }
+        if against.abs() >= jerk.abs() * i128::from(self.duration) {
+            return self.duration;
+        }
+        (against / jerk) as i64
     }
 
     /// Returns the end of the phase that begins at `start`, and its extremes. The velocity is extreme at the ends and
@@ -163,7 +174,7 @@ impl Phase {
     pub(super) fn play(self, start: Point) -> (Point, Extremes) {
         let end = start.after(self.jerk, self.duration);
         let turn = self.turn(start.a);
-        let v = start.after(self.jerk, turn).v;
+        let v = if turn == self.duration { end.v } else { start.after(self.jerk, turn).v };
         let [least, most] = sorted(start.v, end.v);
         let mut extremes = Extremes { q: sorted(start.q, end.q), v: [least.min(v), most.max(v)] };
         extremes.note_turn(start, self.jerk, [0, turn], [start.v, v]);

@@ -3,14 +3,14 @@
 //! A point p of an arm moves with p' = sum_k J_k q_k'. For a revolute joint about z_k through o_k, J_k is z_k
 //! x (p - o_k). For a prismatic joint it is z_k. The length of J_k is at most the lever R_k (see `body`).
 //!
-//! Let V_k be the largest speed of joint k on the whole way. If sum_k R_k V_k <= bound, no kinematics are
-//! needed. Otherwise the velocity is computed at the command and at the same instants as the clearance. Let B
+//! Let V_k be the largest speed of joint k on the whole way. If sum_k R_k V_k <= bound, the point needs no
+//! kinematics. Otherwise the velocity is computed at the command and at the same instants as the clearance. Let B
 //! be the bound on the acceleration of a point. Between two instants that are dt apart, the point may be
 //! faster by at most B dt / 2. Whole-body control proves that it is not.
 
 use messages::JOINTS_MAX;
 
-use super::body::{Body, unplaced};
+use super::body::{Body, Places, unplaced};
 use super::denial::Denial;
 use super::fixed::{Point, UNITS};
 use super::stop::Stop;
@@ -28,24 +28,29 @@ pub(super) fn judge(
     stops: &[Stop; JOINTS_MAX],
 ) -> Result<(), Denial> {
     let fastest: [f64; JOINTS_MAX] = std::array::from_fn(|j| stops[j].v as f64 / UNITS);
-    if (0..body.point_count()).all(|i| body.fastest(i, &fastest) <= max_m_per_s) {
+    let left = (0..body.point_count()).fold(0, |left, i| {
+        let slow = body.fastest(i, &fastest) <= max_m_per_s;
+        if slow { left } else { left | 1 << i }
+    });
+    if left == 0 {
         return Ok(());
     }
-    at(body, max_m_per_s, next)?;
+    let mut places = unplaced();
+    at(body, max_m_per_s, next, left, &mut places)?;
     sample_times(stops).into_iter().try_for_each(|time| {
         let x = std::array::from_fn(|j| stops[j].at(time));
-        at(body, max_m_per_s, &x)
+        at(body, max_m_per_s, &x, left, &mut places)
     })
 }
 
-fn at(body: &Body, max_m_per_s: f64, x: &[Point; JOINTS_MAX]) -> Result<(), Denial> {
-    let mut places = unplaced();
-    let needed = (0..body.point_count()).fold(0, |set, i| set | body.point_joints(i));
-    body.place(&positions(x), needed, &mut places);
+/// Checks the points of the set `left`.
+fn at(body: &Body, max_m_per_s: f64, x: &[Point; JOINTS_MAX], left: u32, places: &mut Places) -> Result<(), Denial> {
+    let points = || (0..body.point_count()).filter(|i| left & 1 << i != 0);
+    body.place(&positions(x), points().fold(0, |set, i| set | body.point_joints(i)), places);
     let v = x.map(|x| x.v as f64 / UNITS);
-    for i in 0..body.point_count() {
+    for i in points() {
         // Written so that NaN is refused.
-        let slow = body.point_velocity(i, &v, &places).norm() <= max_m_per_s + SPEED_SLACK_M_PER_S;
+        let slow = body.point_velocity(i, &v, places).norm() <= max_m_per_s + SPEED_SLACK_M_PER_S;
         if !slow {
             return Err(Denial::HandSpeed { joint: body.point_body(i) - 1 });
         }

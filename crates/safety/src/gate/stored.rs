@@ -59,14 +59,18 @@ impl Stored {
         Self { origin, phases, played: 0 }
     }
 
-    /// Returns the same plan, `ticks` later.
-    pub(super) fn later(&self, ticks: u64) -> Self {
-        Self { played: self.played.saturating_add(ticks).min(PLAYED_MAX), ..*self }
+    /// Plays `ticks` of the plan.
+    pub(super) fn play(&mut self, ticks: u64) {
+        self.played = self.played_after(ticks);
     }
 
-    /// Returns the point of joint `j`, and the rest of its stop.
-    pub(super) fn joint(&self, j: usize) -> (Point, Phases) {
-        advanced(self.origin[j], &self.phases[j], ticks_long(self.played))
+    /// Returns the point of joint `j` and the rest of its stop, `ticks` from now.
+    pub(super) fn joint(&self, j: usize, ticks: u64) -> (Point, Phases) {
+        advanced(self.origin[j], &self.phases[j], ticks_long(self.played_after(ticks)))
+    }
+
+    fn played_after(&self, ticks: u64) -> u64 {
+        self.played.saturating_add(ticks).min(PLAYED_MAX)
     }
 }
 

@@ -20,7 +20,8 @@
 //! ```
 //!
 //! proves the pair for the whole way, at the samples and between them. A lower bound of the distance is enough. So most
-//! pairs are proved by the balls around their capsules. Only the other pairs are measured at the samples.
+//! pairs are proved by what is `known` of them, or by the balls around their capsules. Only the other pairs are measured
+//! at the samples.
 //!
 //! A pair measured at one sample may also be proved for another one. The condition is that it cannot lose its
 //! spare distance between the two. Then |q_i - q_j| takes the place of D.
@@ -38,11 +39,12 @@
 use messages::JOINTS_MAX;
 use robot::{CAPSULES_MAX, JointLimits, Model};
 
-use super::body::{Body, JointSet, Moved, Places, unplaced};
+use super::body::{Body, JointSet, NO_ROWS, Places, Rows, unplaced};
 use super::check::ConfigError;
 use super::denial::Denial;
 use super::fixed::{Point, UNITS, ticks_long, ticks_of};
 use super::interface::{Deviation, Interface};
+use super::known::Known;
 use super::stop::Stop;
 use crate::clearance::Axis;
 
@@ -88,6 +90,8 @@ const ALL: JointSet = (1 << JOINTS_MAX) - 1;
 pub(super) struct Ways {
     pub(super) body: Body,
     deviation: Option<Deviation>,
+    /// False if every pair is looked at, for a test that compares the verdicts.
+    pub(super) uses_known: bool,
 }
 
 /// A pair that is not proved, with the samples that are still to be judged.
@@ -107,9 +111,31 @@ pub(super) struct Asked {
 }
 
 /// The bodies at one posture.
+#[derive(Clone, Debug)]
 struct Posed {
     places: Places,
     axes: [Axis; CAPSULES_MAX],
+    /// The capsules whose axes are computed.
+    ready: u64,
+}
+
+/// Working memory, allocated once.
+#[derive(Clone, Debug)]
+pub(super) struct Memory {
+    /// A pair that may be the nearest one.
+    hint: usize,
+    known: Known,
+    posed: Posed,
+    open: [Open; PAIRS_MAX],
+    moved: [Rows; 2],
+}
+
+impl Memory {
+    pub(super) fn new() -> Box<Self> {
+        let posed = Posed { places: unplaced(), axes: [Axis::default(); CAPSULES_MAX], ready: 0 };
+        let (known, open) = (Known::nothing(PAIRS_MAX), [Open::default(); PAIRS_MAX]);
+        Box::new(Self { hint: 0, known, posed, open, moved: [NO_ROWS; 2] })
+    }
 }
 
 /// The pair with the least kept distance: this distance (m), and the pair.
@@ -126,7 +152,7 @@ impl Ways {
         if value > PAIRS_MAX || body.capsule_count() > CAPSULES_MAX {
             return Err(ConfigError::Pairs { value, bound: PAIRS_MAX });
         }
-        Ok(Self { body, deviation: Deviation::new(interface, limits)? })
+        Ok(Self { body, deviation: Deviation::new(interface, limits)?, uses_known: true })
     }
 
     /// Least distance over all pairs at `q` (rad, m), m.
@@ -144,19 +170,18 @@ impl Ways {
     /// Checks that every pair keeps the requirements at the command `next` and on the way of `stops`. Returns
     /// the clearance at the command.
     ///
-    /// `hint` is a pair that may be the nearest one, and is set to the nearest one. It saves time. It changes
-    /// the result only if two pairs have exactly the same distance: then it decides which one is named.
+    /// The pair in `memory` that was nearest is measured first. It changes the result only if two pairs have exactly the
+    /// same distance: then it decides which one is named.
     pub(super) fn judge(
         &self,
         next: &[Point; JOINTS_MAX],
         stops: &[Stop; JOINTS_MAX],
         asked: Asked,
-        hint: &mut usize,
+        memory: &mut Memory,
     ) -> Result<f64, Denial> {
-        let mut open = [Open::default(); PAIRS_MAX];
-        let (clearance_m, count) = self.at_command(next, stops, asked, hint, &mut open)?;
+        let (clearance_m, count) = self.at_command(next, stops, asked, memory)?;
         if count > 0 {
-            self.on_the_way(stops, asked, &mut open[..count])?;
+            self.on_the_way(stops, asked, memory, count)?;
         }
         Ok(clearance_m)
     }
@@ -178,33 +203,42 @@ impl Ways {
     }
 
     /// Judges the command. Returns its clearance and the number of pairs that it leaves open. They are listed
-    /// in `open`.
+    /// in the memory.
     fn at_command(
         &self,
         next: &[Point; JOINTS_MAX],
         stops: &[Stop; JOINTS_MAX],
         asked: Asked,
-        hint: &mut usize,
-        open: &mut [Open; PAIRS_MAX],
+        memory: &mut Memory,
     ) -> Result<(f64, usize), Denial> {
-        let body = &self.body;
-        let posed = Posed::new(body, &positions(next));
-        let moved = body.moved(&std::array::from_fn(|j| self.travel(asked, &stops[j], j, stops[j].travel())));
+        let (body, Memory { hint, known, posed, open, moved: [moved, _], .. }) = (&self.body, memory);
+        posed.pose(body, &positions(next), ALL);
+        known.go(body, next);
+        *moved = NO_ROWS;
+        body.move_by(&std::array::from_fn(|j| self.travel(asked, &stops[j], j, stops[j].travel())), moved);
         let mut least = f64::INFINITY;
         if *hint < body.pair_count() {
-            least = body.distance(*hint, &posed.axes);
+            least = posed.distance(body, *hint);
         }
         let (mut worst, mut count): (Worst, _) = ((f64::INFINITY, 0), 0);
         for pair in 0..body.pair_count() {
-            let (at_most, needed) = (body.at_most(pair, &posed.axes), body.change(pair, &moved) + asked.least_m);
-            if at_most >= needed + PROVED_M && at_most >= least {
+            let needed = body.change(pair, moved) + asked.least_m + PROVED_M;
+            let bound = known.bound_m(body, pair);
+            if self.uses_known && bound >= needed && bound > least {
+                continue;
+            }
+            posed.make_ready(body, body.needed(pair).1);
+            let at_most = body.at_most(pair, &posed.axes);
+            if at_most >= needed && at_most >= least {
+                known.set(body, pair, at_most);
                 continue;
             }
             let distance_m = body.distance(pair, &posed.axes);
+            known.set(body, pair, distance_m);
             if distance_m <= least {
                 (least, *hint) = (distance_m, pair);
             }
-            if distance_m >= needed + PROVED_M {
+            if distance_m >= needed {
                 continue;
             }
             worst = lesser(worst, (self.kept(asked, pair, next, distance_m), pair));
@@ -218,11 +252,20 @@ impl Ways {
     }
 
     /// Judges the open pairs at the samples.
-    fn on_the_way(&self, stops: &[Stop; JOINTS_MAX], asked: Asked, open: &mut [Open]) -> Result<(), Denial> {
+    fn on_the_way(
+        &self,
+        stops: &[Stop; JOINTS_MAX],
+        asked: Asked,
+        memory: &mut Memory,
+        count: usize,
+    ) -> Result<(), Denial> {
+        let Memory { posed, open, moved, .. } = memory;
+        let open = &mut open[..count];
         let times = sample_times(stops);
-        let samples: [[Point; JOINTS_MAX]; SAMPLES] =
-            std::array::from_fn(|i| std::array::from_fn(|j| stops[j].at(times[i])));
-        let mut posed = Posed { places: unplaced(), axes: [Axis::default(); CAPSULES_MAX] };
+        // The other joints lie between no open pair.
+        let moving = open.iter().fold(0, |joints, open| joints | self.body.needed(usize::from(open.pair)).0);
+        let at = |j: usize, time| if moving & 1 << j != 0 { stops[j].at(time) } else { Point::default() };
+        let samples: [[Point; JOINTS_MAX]; SAMPLES] = times.map(|time| std::array::from_fn(|j| at(j, time)));
         for (sample, spans) in LOOKS {
             let at = |open: &&mut Open| open.samples & 1 << sample != 0;
             let (joints, capsules) = open.iter_mut().filter(at).fold((0, 0), |(joints, capsules), open| {
@@ -232,11 +275,14 @@ impl Ways {
             if capsules == 0 {
                 continue;
             }
-            posed.pose(&self.body, &positions(&samples[sample]), joints, capsules);
-            let moved = spans.map(|span| self.moved_in(asked, stops, &samples, sample, span));
+            for (span, moved) in spans.into_iter().zip(&mut *moved) {
+                self.set_moved(asked, stops, &samples, sample, span, moved);
+            }
+            posed.pose(&self.body, &positions(&samples[sample]), joints);
+            posed.make_ready(&self.body, capsules);
             let mut worst = (f64::INFINITY, 0);
             for open in open.iter_mut().filter(at) {
-                let (pair, kept) = self.look(asked, &samples[sample], &posed, open, (sample, spans), &moved);
+                let (pair, kept) = self.look(asked, &samples[sample], posed, open, (sample, spans), moved);
                 worst = lesser(worst, (kept, pair));
             }
             if worst.0 < asked.least_m {
@@ -251,20 +297,24 @@ impl Ways {
         Ok(())
     }
 
-    /// Largest displacement of each capsule between a sample and those of a span. None if the span is empty.
-    fn moved_in(
+    /// Sets the largest displacement of each body between a sample and those of a span.
+    fn set_moved(
         &self,
         asked: Asked,
         stops: &[Stop; JOINTS_MAX],
         samples: &[[Point; JOINTS_MAX]; SAMPLES],
         sample: usize,
         [from, to]: [usize; 2],
-    ) -> Option<Moved> {
-        let farthest = |j: usize| {
-            let away = |other: &[Point; JOINTS_MAX]| (other[j].q - samples[sample][j].q).abs();
-            self.travel(asked, &stops[j], j, samples[from..to].iter().map(away).max().unwrap_or(0))
-        };
-        (from < to).then(|| self.body.moved(&std::array::from_fn(farthest)))
+        moved: &mut Rows,
+    ) {
+        if from < to {
+            let farthest = |j: usize| {
+                let away = |other: &[Point; JOINTS_MAX]| (other[j].q - samples[sample][j].q).abs();
+                self.travel(asked, &stops[j], j, samples[from..to].iter().map(away).max().unwrap_or(0))
+            };
+            *moved = NO_ROWS;
+            self.body.move_by(&std::array::from_fn(farthest), moved);
+        }
     }
 
     /// Measures one pair at a sample, and closes this sample and the spans that the measurement proves.
@@ -276,14 +326,16 @@ impl Ways {
         posed: &Posed,
         open: &mut Open,
         (sample, spans): Look,
-        moved: &[Option<Moved>; 2],
+        moved: &[Rows; 2],
     ) -> (usize, f64) {
         let pair = usize::from(open.pair);
         open.samples &= !(1 << sample);
         let (mut distance_m, mut exact) = (self.body.at_most(pair, &posed.axes), false);
         for ([from, to], moved) in spans.into_iter().zip(moved) {
             let span = (1 << to) - (1 << from);
-            let Some(moved) = moved.as_ref().filter(|_| open.samples & span != 0) else { continue };
+            if open.samples & span == 0 {
+                continue;
+            }
             let needed = asked.least_m + PROVED_M + self.body.change(pair, moved);
             if distance_m < needed && !exact {
                 (distance_m, exact) = (self.body.distance(pair, &posed.axes), true);
@@ -302,17 +354,35 @@ impl Ways {
 
 impl Posed {
     fn new(body: &Body, q: &[f64; JOINTS_MAX]) -> Self {
-        let mut posed = Self { places: unplaced(), axes: [Axis::default(); CAPSULES_MAX] };
-        posed.pose(body, q, ALL, u64::MAX);
+        let mut posed = Self { places: unplaced(), axes: [Axis::default(); CAPSULES_MAX], ready: 0 };
+        posed.pose(body, q, ALL);
+        posed.make_ready(body, u64::MAX);
         posed
     }
 
-    /// Places the bodies that `joints` move, and the capsules of the set `capsules`.
-    fn pose(&mut self, body: &Body, q: &[f64; JOINTS_MAX], joints: JointSet, capsules: u64) {
+    /// Places the bodies that `joints` move.
+    fn pose(&mut self, body: &Body, q: &[f64; JOINTS_MAX], joints: JointSet) {
         body.place(q, joints, &mut self.places);
-        for i in (0..body.capsule_count()).filter(|i| capsules & 1 << i != 0) {
-            self.axes[i] = body.axis(i, &self.places);
+        self.ready = 0;
+    }
+
+    /// Places those of the `capsules` that are not placed yet.
+    #[inline]
+    fn make_ready(&mut self, body: &Body, capsules: u64) {
+        let mut left = capsules & !self.ready;
+        self.ready |= capsules;
+        while left != 0 {
+            let i = left.trailing_zeros() as usize;
+            left &= left - 1;
+            if i < body.capsule_count() {
+                self.axes[i] = body.axis(i, &self.places);
+            }
         }
+    }
+
+    fn distance(&mut self, body: &Body, pair: usize) -> f64 {
+        self.make_ready(body, body.needed(pair).1);
+        body.distance(pair, &self.axes)
     }
 }
 

@@ -55,6 +55,8 @@ pub struct Adversary {
     robot: Robot,
     config: Config,
     state: State,
+    /// The same, but every pair is looked at.
+    thorough: (Config, State),
     k: u64,
     /// Direction in which each joint is pushed, as a share of its jerk limit.
     push: [f64; JOINTS_MAX],
@@ -63,10 +65,12 @@ pub struct Adversary {
 
 impl Adversary {
     pub fn new(model: &Model, seed: u64) -> Self {
+        let config = Config::new(model).expect("the robot's limits are allowed");
         Self {
             rng: Pcg64::seed_from_u64(seed),
             robot: Robot::new(model.clone()),
-            config: Config::new(model).expect("the robot's limits are allowed"),
+            thorough: (config.clone().without_known_for_tests(), State::at_rest(model.home)),
+            config,
             state: State::at_rest(model.home),
             k: 10,
             push: [0.0; JOINTS_MAX],
@@ -143,6 +147,12 @@ impl Adversary {
             self.damage(&mut proposed);
         }
         let decision = tick(&self.config, &mut self.state, Stamp(0), proposed);
+        let (config, state) = &mut self.thorough;
+        let thorough = tick(config, state, Stamp(0), proposed);
+        let same = (thorough.verdict, thorough.motion) == (decision.verdict, decision.motion);
+        if !same || thorough.clearance_m.to_bits() != decision.clearance_m.to_bits() {
+            self.report.violations.push(format!("tick {}: {thorough:?} without bounds", self.report.ticks));
+        }
         let index_ok = proposed.k == self.k + 1;
         self.judge_as_a_whole(&last, &proposed, &decision);
         self.k = self.k.max(proposed.k);

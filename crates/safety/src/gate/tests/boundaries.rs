@@ -204,8 +204,13 @@ fn stored_plan_is_played_to_its_end() {
         [Phase { jerk, duration: 10 * TICK }, Phase { jerk: 0, duration: 5 * TICK }, Phase { jerk: 0, duration: TICK }];
     let start = Point { q: 1 << 40, v: -(8 << 40) * 5 / 1500, a: 8 << 40 };
     let stored = Stored::new([start; JOINTS_MAX], [stop; JOINTS_MAX]);
-    assert_eq!(stored.joint(2), (start, stop), "nothing is played yet");
-    let (third, rest) = stored.later(3).joint(2);
+    let later = |ticks: u64| {
+        let mut later = stored;
+        later.play(ticks);
+        later
+    };
+    assert_eq!(stored.joint(2, 0), (start, stop), "nothing is played yet");
+    let (third, rest) = stored.joint(2, 3);
     assert_eq!((rest[1], rest[2]), (stop[1], stop[2]));
     assert!((rest[0].duration - 7 * TICK).abs() <= 8 && rest[0].jerk == jerk);
     let near = |x: i64, expected: f64| ((x as f64) - expected * UNITS).abs() < 16.0;
@@ -213,18 +218,18 @@ fn stored_plan_is_played_to_its_end() {
     let t = 3.0 / 1500.0;
     assert!(near(third.a, 8.0 - 1200.0 * t) && near(third.v, -4.0 / 150.0 + 8.0 * t - 600.0 * t * t), "{third:?}");
     assert!(near(third.q, 1.0 - 4.0 * t / 150.0 + 4.0 * t * t - 200.0 * t * t * t), "{third:?}");
-    let (_, rest) = stored.later(12).joint(2);
+    let (_, rest) = stored.joint(2, 12);
     assert!(rest[0].duration == 0 && (rest[1].duration - 3 * TICK).abs() <= 8 && rest[2] == stop[2], "{rest:?}");
-    let (end, rest) = stored.later(17).joint(2);
+    let (end, rest) = stored.joint(2, 17);
     assert!((end.v, end.a) == (0, 0) && rest == NONE, "{end:?} {rest:?}");
     for ticks in [18, 1000, 73_500, u64::MAX] {
-        assert_eq!(stored.later(ticks).later(ticks).joint(2), (end, NONE), "{ticks}");
+        assert_eq!(later(ticks).joint(2, ticks), (end, NONE), "{ticks}");
     }
-    assert_eq!(stored.later(2).later(1).joint(2), stored.later(3).joint(2));
-    assert_eq!(stored.later(u64::MAX).played, 73_500);
+    assert_eq!(later(2).joint(2, 1), stored.joint(2, 3));
+    assert_eq!(later(u64::MAX).played, 73_500);
     // A small speed or acceleration without a stop counts as rest.
     let nearly = Point { q: 5, v: 7, a: -9 };
-    assert_eq!(Stored::new([nearly; JOINTS_MAX], [NONE; JOINTS_MAX]).joint(0), (Point { q: 5, v: 0, a: 0 }, NONE));
+    assert_eq!(Stored::new([nearly; JOINTS_MAX], [NONE; JOINTS_MAX]).joint(0, 0), (Point { q: 5, v: 0, a: 0 }, NONE));
 }
 
 #[test]

@@ -78,7 +78,8 @@ fn pair_distance_changes_within_lever_bound() {
             let goal = rng.random_range(limits.q_min..=limits.q_max);
             if rng.random_bool(share) { from[j] + size * (goal - from[j]) } else { from[j] }
         });
-        let moved = body.moved(&std::array::from_fn(|j| (to[j] - from[j]).abs()));
+        let mut moved = NO_ROWS;
+        body.move_by(&std::array::from_fn(|j| (to[j] - from[j]).abs()), &mut moved);
         let [before, after] = [from, to].map(|q| Posed::new(&body, &q));
         for pair in 0..body.pair_count() {
             let [d0, d1] = [&before, &after].map(|posed| body.distance(pair, &posed.axes));
@@ -129,8 +130,7 @@ fn stop_of(start: Point, phases: &Phases) -> Stop {
 
 /// Positions `ticks` after the beginning of `stored`, as they would be sent.
 fn played(stored: &Stored, ticks: u64) -> [f64; JOINTS_MAX] {
-    let later = stored.later(ticks);
-    std::array::from_fn(|j| later.joint(j).0.q as f64 / UNITS)
+    std::array::from_fn(|j| stored.joint(j, ticks).0.q as f64 / UNITS)
 }
 
 /// The ticks at which the gate must check, computed without its arithmetic.
@@ -176,17 +176,18 @@ fn stop_verdict_matches_all_distances_at_all_samples() {
     let mut rng = Pcg64::seed_from_u64(33);
     let mut own = ways(&model, &Interface::default());
     let mut counts = std::collections::BTreeMap::<&str, u32>::new();
-    let mut hint = 0;
+    let mut memory = Memory::new();
     for n in 0..8000 {
         if n % 50 == 0 {
             surroundings(&mut model, &mut rng, n % 100 == 0);
             own = ways(&model, &Interface::default());
+            memory = Memory::new();
         }
         let q = if n % 7 == 0 { random_posture(&model, &mut rng) } else { clear_posture(&model, &mut rng) };
         let (next, phases) = random_motion(&model, &mut rng, &q);
         let Some(expected) = expected(&model, &next, &phases) else { continue };
         let stops = std::array::from_fn(|j| stop_of(next[j], &phases[j]));
-        let got = own.judge(&next, &stops, ASKED, &mut hint);
+        let got = own.judge(&next, &stops, ASKED, &mut memory);
         let verdict = match got {
             Ok(clearance_m) => {
                 assert!((clearance_m - least_m(&model, &played(&Stored::new(next, phases), 0))).abs() < 1e-9, "{n}");
@@ -217,9 +218,10 @@ fn pair_without_samples_is_clear_at_every_instant() {
         let q = clear_posture(&model, &mut rng);
         let (next, phases) = random_motion(&model, &mut rng, &q);
         let stops: [Stop; JOINTS_MAX] = std::array::from_fn(|j| stop_of(next[j], &phases[j]));
-        let mut open = [Open::default(); PAIRS_MAX];
-        let Ok((_, count)) = own.at_command(&next, &stops, ASKED, &mut 0, &mut open) else { continue };
-        let open: std::collections::BTreeSet<_> = open[..count].iter().map(|open| usize::from(open.pair)).collect();
+        let mut memory = Memory::new();
+        let Ok((_, count)) = own.at_command(&next, &stops, ASKED, &mut memory) else { continue };
+        let open: std::collections::BTreeSet<_> =
+            memory.open[..count].iter().map(|open| usize::from(open.pair)).collect();
         (proved, left) = (proved + own.body.pair_count() - count, left + count);
         let longest = stops.iter().map(Stop::duration).max().unwrap_or(0);
         for _ in 0..10 {
@@ -252,7 +254,7 @@ fn accepted_motion_with_lag_and_deviation_keeps_clearance() {
         let phases: [Phases; JOINTS_MAX] =
             std::array::from_fn(|j| braking(next[j], (0.5 * model.limits[j].j_max * UNITS) as i64));
         let stops: [Stop; JOINTS_MAX] = std::array::from_fn(|j| stop_of(next[j], &phases[j]));
-        let [with, without] = own.each_ref().map(|own| own.judge(&next, &stops, ASKED, &mut 0).is_ok());
+        let [with, without] = own.each_ref().map(|own| own.judge(&next, &stops, ASKED, &mut Memory::new()).is_ok());
         assert!(without || !with);
         denied += u32::from(without && !with);
         if !without {
