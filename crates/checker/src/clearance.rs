@@ -1,5 +1,6 @@
 //! Clearance of the checked pairs, with distance formulas of its own.
 
+use plant::Apart;
 use robot::{Frames, Model, Solid};
 
 type Point = [f64; 3];
@@ -18,7 +19,6 @@ pub(crate) struct Body {
 struct Capsule {
     body: usize,
     ends: [Point; 2],
-    half_length_m: f64,
     radius_m: f64,
 }
 
@@ -43,18 +43,15 @@ struct Pair {
 pub(crate) struct Workspace {
     frames: Frames,
     axes: Vec<[Point; 2]>,
+    before: Vec<[Point; 2]>,
+    apart: Apart,
 }
 
 impl Body {
     pub(crate) fn new(model: &Model) -> Self {
         let capsules = model.capsules.iter().map(|capsule| {
             let ends = [&capsule.a, &capsule.b].map(|p| [p[0], p[1], p[2]]);
-            Capsule {
-                body: capsule.body,
-                ends,
-                half_length_m: length(minus(ends[1], ends[0])) / 2.0,
-                radius_m: capsule.radius_m,
-            }
+            Capsule { body: capsule.body, ends, radius_m: capsule.radius_m }
         });
         let radii = |a: usize, b: usize| model.capsules[a].radius_m + model.capsules[b].radius_m;
         let pairs = model.pairs.iter().map(|pair| Pair { a: pair.a, b: pair.b, radii_m: radii(pair.a, pair.b) });
@@ -63,7 +60,9 @@ impl Body {
     }
 
     pub(crate) fn workspace(&self) -> Workspace {
-        Workspace { frames: Frames::default(), axes: vec![[[0.0; 3]; 2]; self.capsules.len()] }
+        let axes = vec![[[0.0; 3]; 2]; self.capsules.len()];
+        let apart = Apart::new(axes.len(), self.pairs.len());
+        Workspace { frames: Frames::default(), before: axes.clone(), axes, apart }
     }
 
     /// Returns the least clearance at posture `q`, m, and the index of its pair. It is infinite without pairs. It
@@ -75,33 +74,38 @@ impl Body {
         q: &[f64; messages::JOINTS_MAX],
         workspace: &mut Workspace,
     ) -> (f64, usize) {
-        model.forward(q, &mut workspace.frames);
-        for (axis, capsule) in workspace.axes.iter_mut().zip(&self.capsules) {
-            let pose = &workspace.frames.base_from_body[capsule.body];
+        let Workspace { frames, axes, before, apart } = workspace;
+        model.forward(q, frames);
+        std::mem::swap(axes, before);
+        for (axis, capsule) in axes.iter_mut().zip(&self.capsules) {
+            let pose = &frames.base_from_body[capsule.body];
             for (out, p) in axis.iter_mut().zip(&capsule.ends) {
                 *out = std::array::from_fn(|row| {
                     pose.r[(row, 0)] * p[0] + pose.r[(row, 1)] * p[1] + pose.r[(row, 2)] * p[2] + pose.t[row]
                 });
             }
         }
+        let moves = before.iter().zip(axes.iter());
+        apart.look(moves.map(|(from, to)| [0, 1].map(|end| squared(minus(to[end], from[end])))));
         let mut least = (f64::INFINITY, 0);
+        if let Some(pair) = self.pairs.get(apart.nearest) {
+            let clearance = distance(&axes[pair.a], &axes[pair.b]) - pair.radii_m;
+            // NaN is no least clearance.
+            least = (least.0.min(clearance), apart.nearest);
+        }
         for (index, pair) in self.pairs.iter().enumerate() {
-            let (a, b) = (&workspace.axes[pair.a], &workspace.axes[pair.b]);
-            // Balls around the capsules: a pair whose balls are farther apart than the least so far cannot be nearer.
-            let reach = self.capsules[pair.a].half_length_m + self.capsules[pair.b].half_length_m + pair.radii_m;
-            let beyond = least.0 + reach;
-            let between = squared(minus(middle(a), middle(b)));
-            if beyond > 0.0 && between > beyond * beyond {
+            let sides = [pair.a, pair.b];
+            if apart.is_beyond(index, sides, least.0) {
                 continue;
             }
-            let clearance = distance(a, b) - pair.radii_m;
-            if clearance < least.0 {
+            let clearance = distance(&axes[pair.a], &axes[pair.b]) - pair.radii_m;
+            apart.set(index, sides, clearance);
+            if clearance < least.0 || (clearance == least.0 && index < least.1) {
                 least = (clearance, index);
             }
         }
-        for (i, (axis, capsule)) in
-            workspace.axes.iter().zip(&self.capsules).enumerate().filter(|(_, (_, c))| c.body != 0)
-        {
+        apart.nearest = least.1;
+        for (i, (axis, capsule)) in axes.iter().zip(&self.capsules).enumerate().filter(|(_, (_, c))| c.body != 0) {
             for (k, obstacle) in self.obstacles.iter().enumerate() {
                 let clearance = obstacle.distance(axis) - capsule.radius_m;
                 if clearance < least.0 {
@@ -198,20 +202,12 @@ fn minus(a: Point, b: Point) -> Point {
     std::array::from_fn(|i| a[i] - b[i])
 }
 
-fn middle(axis: &[Point; 2]) -> Point {
-    std::array::from_fn(|i| (axis[0][i] + axis[1][i]) / 2.0)
-}
-
 fn dot(a: Point, b: Point) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 fn squared(a: Point) -> f64 {
     dot(a, a)
-}
-
-fn length(a: Point) -> f64 {
-    squared(a).sqrt()
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Compares the joints' true motion with the limits, in wall time, no matter which process was late.
 
+use crate::apart::Apart;
 use crate::config::{Config, Obstacle};
 use crate::distance::{segment_box, segment_plane, segment_segment};
 use crate::kinematics::Frames;
@@ -48,11 +49,16 @@ pub struct Judge {
     clearance_m: f64,
     frames: Frames,
     segments: Vec<[Vector3<f64>; 2]>,
+    before: Vec<[Vector3<f64>; 2]>,
+    apart: Apart,
 }
 
 impl Judge {
     /// Begins with a robot that stands at `q`.
     pub fn new(config: &Config, q: &[f64; JOINTS_MAX]) -> Self {
+        let body = &config.links.body;
+        let segments = vec![[Vector3::zeros(); 2]; body.capsules.len()];
+        let pairs = body.pairs.len() + body.capsules.len() * config.options.obstacles.len();
         let mut judge = Self {
             report: Report::default(),
             last: None,
@@ -61,7 +67,9 @@ impl Judge {
             outside: [[0.0; JOINTS_MAX]; 2],
             clearance_m: config.links.body.d_min_m,
             frames: Frames::default(),
-            segments: vec![[Vector3::zeros(); 2]; config.links.body.capsules.len()],
+            apart: Apart::new(segments.len(), pairs),
+            before: segments.clone(),
+            segments,
         };
         if config.options.initial_outside {
             for (j, joint) in config.links.body.joints.iter().enumerate() {
@@ -166,27 +174,47 @@ impl Judge {
     pub fn clearance(&mut self, config: &Config, q: &[f64; JOINTS_MAX]) -> (f64, usize) {
         let body = &config.links.body;
         body.forward(q, &mut self.frames);
+        std::mem::swap(&mut self.segments, &mut self.before);
         for (segment, capsule) in self.segments.iter_mut().zip(&body.capsules) {
             *segment = capsule.ends.map(|end| self.frames.base_from_body[capsule.body].point(&end));
         }
+        let moves = self.before.iter().zip(&self.segments);
+        self.apart.look(moves.map(|(from, to)| [0, 1].map(|end| (to[end] - from[end]).norm_squared())));
+        let (nearest, obstacles) = (self.apart.nearest, config.options.obstacles.len());
         let mut least = (f64::INFINITY, 0);
+        if let Some(&[a, b]) = body.pairs.get(nearest) {
+            least = (self.pair_clearance(config, a, b), nearest);
+        }
         for (index, &[a, b]) in body.pairs.iter().enumerate() {
-            let radii = body.capsules[a].radius_m + body.capsules[b].radius_m;
-            let clearance_m = segment_segment(&self.segments[a], &self.segments[b]) - radii;
-            if is_less(clearance_m, least.0) {
+            if self.apart.is_beyond(index, [a, b], least.0) {
+                continue;
+            }
+            let clearance_m = self.pair_clearance(config, a, b);
+            self.apart.set(index, [a, b], clearance_m);
+            if is_less(clearance_m, least.0) || (clearance_m == least.0 && index < least.1) {
                 least = (clearance_m, index);
             }
         }
-        let moving = body.capsules.iter().zip(&self.segments).enumerate().filter(|(_, (capsule, _))| capsule.body != 0);
-        for (i, (capsule, segment)) in moving {
+        for i in (0..body.capsules.len()).filter(|&i| body.capsules[i].body != 0) {
             for (k, obstacle) in config.options.obstacles.iter().enumerate() {
-                let clearance_m = distance(obstacle, segment) - capsule.radius_m;
+                let (index, sides) = (body.pairs.len() + i * obstacles + k, [i, body.capsules.len()]);
+                if self.apart.is_beyond(index, sides, least.0) {
+                    continue;
+                }
+                let clearance_m = distance(obstacle, &self.segments[i]) - body.capsules[i].radius_m;
+                self.apart.set(index, sides, clearance_m);
                 if is_less(clearance_m, least.0) {
-                    least = (clearance_m, body.pairs.len() + i * config.options.obstacles.len() + k);
+                    least = (clearance_m, index);
                 }
             }
         }
+        self.apart.nearest = least.1;
         least
+    }
+
+    fn pair_clearance(&self, config: &Config, a: usize, b: usize) -> f64 {
+        let capsules = &config.links.body.capsules;
+        segment_segment(&self.segments[a], &self.segments[b]) - (capsules[a].radius_m + capsules[b].radius_m)
     }
 }
 

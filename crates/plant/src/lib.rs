@@ -10,6 +10,7 @@
 
 #![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 
+mod apart;
 mod config;
 mod description;
 mod distance;
@@ -29,6 +30,7 @@ mod robot;
 mod robot_file;
 mod urdf;
 
+pub use apart::Apart;
 pub use config::{Config, DELAY_MAX_TICKS, ENCODER_NOISE_MAX_RAD, OBJECT_MAX_M, Obstacle, Options, Reaction};
 pub use description::{Body, Capsule, Inertia, Joint, JointKind, Limits};
 pub use distance::{segment_box, segment_plane, segment_segment};
