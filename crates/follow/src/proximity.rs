@@ -11,7 +11,7 @@
 use crate::LIMB_JOINTS;
 use messages::ARM_JOINTS;
 use nalgebra::Vector3;
-use robot::{Arm, Frames, Model, segment_distance};
+use robot::{Arm, CAPSULES_MAX, Frames, Model, segment_distance};
 
 /// Distance below which a pair is evaluated, m. Whole-body control slows an arm whose stop comes nearer than about 30
 /// mm. A wrist turns away earlier, because that moves no limb.
@@ -23,6 +23,8 @@ struct Pair {
     own: usize,
     other: usize,
     radii_m: f64,
+    /// Square of twice the distance between the middles of both axes from which on the pair is not evaluated, m^2.
+    beyond: f64,
     /// The joints of the arm between both capsules, in the order of messages: from..to.
     from: usize,
     to: usize,
@@ -64,8 +66,11 @@ impl ArmPairs {
         let pairs = model.pairs.iter().filter_map(|&robot::Pair { a, b }| {
             let (own, other) = if joints(a) > joints(b) { (a, b) } else { (b, a) };
             let radii_m = model.capsules[a].radius_m + model.capsules[b].radius_m;
+            let long_m = [a, b].map(|i| (model.capsules[i].b - model.capsules[i].a).norm());
+            // A nanometre more, for the rounding of the ends.
+            let beyond = (long_m[0] + long_m[1] + 2.0 * (radii_m + PROXIMITY_M) + 1e-9).powi(2);
             let (from, to) = (joints(other), joints(own));
-            (to > from).then_some(Pair { own, other, radii_m, from, to })
+            (to > from).then_some(Pair { own, other, radii_m, beyond, from, to })
         });
         let axes = arm.slots.map(|slot| slot.map_or_else(Vector3::zeros, |joint| model.joint_at_zero(joint).1));
         Self { slots: arm.slots, pairs: pairs.collect(), axes }
@@ -74,12 +79,13 @@ impl ArmPairs {
     /// Calls `visit` for every pair nearer than [`PROXIMITY_M`] with the bodies at `frames`. It skips a pair whose distance is
     /// not finite, or whose axes meet.
     pub(crate) fn evaluate(&self, model: &Model, frames: &Frames, mut visit: impl FnMut(&NearPair)) {
-        let ends = |capsule: usize| model.capsules[capsule].ends(frames);
+        let mut ends = [[Vector3::zeros(); 2]; CAPSULES_MAX];
+        for (ends, capsule) in ends.iter_mut().zip(&model.capsules) {
+            *ends = capsule.ends(frames);
+        }
         for pair in &self.pairs {
-            let (own, other) = (ends(pair.own), ends(pair.other));
-            let spheres = ((own[0] + own[1]) - (other[0] + other[1])).norm() / 2.0;
-            let halves = ((own[0] - own[1]).norm() + (other[0] - other[1]).norm()) / 2.0;
-            if spheres - halves - pair.radii_m >= PROXIMITY_M {
+            let (own, other) = (&ends[pair.own], &ends[pair.other]);
+            if ((own[0] + own[1]) - (other[0] + other[1])).norm_squared() >= pair.beyond {
                 continue;
             }
             let nearest = segment_distance(&own[0], &own[1], &other[0], &other[1]);
