@@ -2,7 +2,10 @@
 
 use crate::{root, subject};
 use checker::ViolationKind;
-use judge::Attack;
+use judge::{Attack, Attacker};
+use messages::deadline;
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
 use report::{cores, in_parallel};
 use robot::{BoxEntry, Environment, Model};
 use std::path::PathBuf;
@@ -10,7 +13,7 @@ use torture::chunk::{self, PART_TICKS};
 use torture::cli::Changes;
 use torture::figures::{Goals, Merge, RunFigures, merged};
 use torture::goals;
-use torture::stages::Subject;
+use torture::stages::{Stages, Subject, permit, target};
 
 /// `.ci/long` has forty times as many.
 const TICKS: u64 = 150_000;
@@ -29,6 +32,41 @@ fn run(subject: &Subject, seed: u64, ticks: u64, threads: usize) -> RunFigures {
     merged(in_parallel(threads, parts as usize, |part| {
         chunk::run(subject, seed, part as u64, PART_TICKS.min(ticks - part as u64 * PART_TICKS))
     }))
+}
+
+/// Runs the attacks on both stages and on stages that measure every pair. Their decisions must be the same, to the bit.
+fn compare_decisions(ticks: u64, seed: u64) {
+    let subject = subject(Changes::default());
+    let mut thorough = subject.clone();
+    let options = wbc::Options::without_skips_for_tests().hand_speed_m_per_s(3.0);
+    thorough.wbc = wbc::Config::new(&subject.model, options).unwrap();
+    thorough.gate = thorough.gate.map(safety::gate::Config::without_known_for_tests);
+    let home = subject.model.home;
+    let mut attacker = Attacker::new(&subject.robot, Pcg64::seed_from_u64(seed));
+    let (mut ours, mut theirs) = (Stages::at_rest(&subject, home), Stages::at_rest(&thorough, home));
+    let mut last = home;
+    for k in 1..=ticks {
+        attacker.next(k, &last);
+        let tick = |stages: &mut Stages<'_>| stages.tick(k, deadline(k), target(&attacker), permit(&attacker)).0;
+        let (out, expected) = (tick(&mut ours), tick(&mut theirs));
+        assert_eq!(
+            (out.motion, out.denied, out.proposed),
+            (expected.motion, expected.denied, expected.proposed),
+            "{k}"
+        );
+        last = out.motion.q;
+    }
+}
+
+#[test]
+fn decisions_do_not_depend_on_skipped_pairs() {
+    compare_decisions(100_000, 11);
+}
+
+#[test]
+#[ignore = "half an hour; `.ci/long` runs it"]
+fn ten_million_decisions_do_not_depend_on_skipped_pairs() {
+    in_parallel(cores(), 100, |part| compare_decisions(100_000, 100 + part as u64));
 }
 
 #[test]
