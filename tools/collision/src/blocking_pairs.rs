@@ -5,9 +5,10 @@ use crate::judge::{Judge, Proof};
 use crate::plan::Plan;
 use crate::prove::{clearance, deciding_joints};
 use crate::write::{Named, on_bodies};
+use messages::JOINTS_MAX;
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
-use robot::{Capsule, Frames, Model};
+use robot::{Capsule, Frames, JointLimits, Model};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -35,7 +36,7 @@ pub struct Near {
     /// Joints between them, if they are few.
     joints: Vec<String>,
     /// True if these only keep a posture.
-    keep: bool,
+    pub keep: bool,
 }
 
 impl Near {
@@ -48,6 +49,11 @@ impl Near {
     pub fn can_be_cut(&self) -> bool {
         let is_cut = self.home_m < self.needed_m || self.share.is_some_and(|share| share > SHARE_CUT);
         is_cut && !self.is_close() && self.surfaces_m.is_none_or(|distance| distance >= self.needed_m)
+    }
+
+    /// Returns true if the capsules are too close at home, and the parts may touch elsewhere.
+    pub fn is_blocking(&self) -> bool {
+        self.home_m < self.needed_m && !self.is_close()
     }
 
     /// Says what is near, and by how much.
@@ -90,6 +96,8 @@ pub struct Finder {
     capsules: Vec<Named>,
     /// Findings about each pair, by the addresses of both contents.
     known: HashMap<[usize; 2], Option<Near>>,
+    /// The limits in force of the last call. A finding does not outlive a narrower range between its parts.
+    limits: Option<[JointLimits; JOINTS_MAX]>,
 }
 
 impl Finder {
@@ -100,12 +108,17 @@ impl Finder {
         let mut frames = Frames::default();
         model.forward(&model.home, &mut frames);
         let pairs: Vec<[usize; 2]> = (0..bodies.len()).flat_map(|b| (0..b).map(move |a| [a, b])).collect();
-        let known = &self.known;
+        let limits = self.limits.replace(model.limits).unwrap_or(model.limits);
+        let stays = |[a, b]: [usize; 2]| {
+            let (of_a, of_b) = deciding_joints(model, bodies[a].body, bodies[b].body);
+            of_a.iter().chain(&of_b).all(|j| limits[*j] == model.limits[*j])
+        };
+        let known = |key: &[usize; 2], pair| self.known.get(key).filter(|_| stays(pair)).cloned();
         let look = |&pair: &[usize; 2]| {
             let key = pair.map(|index| Arc::as_ptr(&capsules[index].content) as usize);
             let names = pair.map(|index| capsules[index].name.clone());
             let same = |near: Near| Near { pair, names: names.clone(), ..near };
-            (key, known.get(&key).cloned().unwrap_or_else(|| near(&judge, &bodies, &frames, pair)).map(same))
+            (key, known(&key, pair).unwrap_or_else(|| near(&judge, &bodies, &frames, pair)).map(same))
         };
         let found: Vec<_> = pairs.par_iter().map(look).collect();
         let all = found.iter().filter_map(|(_, near)| near.clone()).collect();
@@ -135,7 +148,7 @@ fn near(judge: &Judge<'_>, bodies: &[Capsule], frames: &Frames, pair: [usize; 2]
     let surfaces_m = judge.distance_m(first, second, frames, [f64::NEG_INFINITY, f64::INFINITY]);
     let unknown = proof.is_none() && joints.len() == 2;
     let least_m = unknown.then(|| {
-        let nearer = |least_m: f64, frames| {
+        let nearer = |least_m: f64, (_, frames)| {
             judge.distance_m(first, second, &frames, [f64::NEG_INFINITY, least_m]).map_or(least_m, |m| m.min(least_m))
         };
         postures(model, &joints).fold(f64::INFINITY, nearer)
@@ -148,12 +161,15 @@ fn near(judge: &Judge<'_>, bodies: &[Capsule], frames: &Frames, pair: [usize; 2]
 
 /// Returns the share of the joints' postures in which two capsules are closer than the clearance.
 fn near_share(model: &Model, a: &Capsule, b: &Capsule, joints: &[usize]) -> f64 {
-    let near = postures(model, joints).filter(|frames| clearance(frames, a, b) < model.d_min_m).count();
+    let near = postures(model, joints).filter(|(_, frames)| clearance(frames, a, b) < model.d_min_m).count();
     near as f64 / POSTURES as f64
 }
 
 /// Returns random postures of these joints. The others are at home.
-fn postures<'a>(model: &'a Model, joints: &'a [usize]) -> impl Iterator<Item = Frames> + 'a {
+pub(crate) fn postures<'a>(
+    model: &'a Model,
+    joints: &'a [usize],
+) -> impl Iterator<Item = ([f64; JOINTS_MAX], Frames)> + 'a {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(3);
     (0..POSTURES).map(move |_| {
         let (mut q, mut frames) = (model.home, Frames::default());
@@ -161,6 +177,6 @@ fn postures<'a>(model: &'a Model, joints: &'a [usize]) -> impl Iterator<Item = F
             q[*j] = rng.random_range(model.limits[*j].q_min..model.limits[*j].q_max);
         }
         model.forward(&q, &mut frames);
-        frames
+        (q, frames)
     })
 }

@@ -8,10 +8,12 @@
 //! - A capsule much larger than the hull inside is cut in two, where that saves a lot.
 //! - So is a capsule that is too close to another at home, or in most postures of the two joints between them. If
 //!   they are built so close, the pair is called close.
+//! - If no cut helps, the joints between them get narrower ranges, with which the pair never touches.
 
 use crate::blocking_pairs::{Finder, Near};
 use crate::error::CollisionError;
 use crate::fit::{Shape, rough_capsule};
+use crate::narrow::narrow;
 use crate::plan::{Finger, Group, Part, Plan};
 use crate::scene::{Posture, Scene, has_shapes};
 use crate::split::Splitter;
@@ -40,6 +42,8 @@ const FINGER_STEPS: usize = 9;
 const SAVED_NEAR_SHARE: f64 = 0.1;
 /// Largest number of rounds in which near capsules are cut (chosen).
 const ROUNDS: usize = 12;
+/// Largest number of times that ranges are narrowed (chosen).
+const NARROWED_MAX: usize = 8;
 
 #[derive(Clone, Debug)]
 pub struct First {
@@ -47,8 +51,11 @@ pub struct First {
     /// The capsules of the plan, as `fit_all` makes them.
     pub capsules: Vec<Named>,
     pub notes: Vec<String>,
+    /// The same robot with the ranges that the plan needs. Those of its other joints are as before.
+    pub narrowed: Model,
 }
 
+#[derive(Clone)]
 struct Draft {
     group: Group,
     splitter: Splitter,
@@ -85,10 +92,11 @@ pub fn first_plan(
     let mut drafts: Vec<Draft> = groups.into_par_iter().map(draft).collect::<Result<_, CollisionError>>()?;
     drafts.par_iter_mut().for_each(|draft| cut_fat(&mut draft.splitter));
     let mut plan = Plan::of_groups(Vec::new());
-    let (capsules, notes) = cut_near(model, &scene, &mut plan, &mut drafts)?;
+    let mut narrowed = model.clone();
+    let (capsules, notes) = cut_near(&mut narrowed, &scene, &mut plan, &mut drafts)?;
     plan.groups = drafts.into_iter().map(Draft::planned).collect();
     plan.fingers = fingers;
-    Ok(First { plan, capsules, notes })
+    Ok(First { plan, capsules, notes, narrowed })
 }
 
 impl Draft {
@@ -279,15 +287,16 @@ fn is_fat(splitter: &Splitter, at: usize) -> bool {
 }
 
 /// Cuts capsules that are too near others, and names the pairs that are built close. Returns the capsules, and notes about
-/// the pairs that stay near.
+/// the pairs that stay near. Where no cut helps, it narrows ranges, and begins again: a later fit with these makes the same
+/// cuts.
 fn cut_near(
-    model: &Model,
+    model: &mut Model,
     scene: &Scene<'_>,
     plan: &mut Plan,
     drafts: &mut [Draft],
 ) -> Result<(Vec<Named>, Vec<String>), CollisionError> {
-    let mut finder = Finder::default();
-    let mut round = 0;
+    let (mut finder, mut whole) = (Finder::default(), None);
+    let (mut round, mut narrowed) = (0, 0);
     loop {
         round += 1;
         let mut capsules: Vec<Named> = Vec::new();
@@ -297,38 +306,71 @@ fn cut_near(
             capsules.extend(draft.named.iter().cloned());
             cells.extend((0..draft.splitter.cells().len()).map(|cell| (index, cell)));
         }
+        let whole = whole.get_or_insert_with(|| drafts.to_vec());
         let near = finder.find(model, plan, &capsules)?;
         plan.close = near.iter().filter(|near| near.is_close()).map(|near| near.names.clone()).collect();
-        let mut cut = false;
-        let mut touched: Vec<usize> = Vec::new();
         let blocking = near.iter().filter(|near| near.can_be_cut()).count();
         err!("round {round}: {} capsules, {blocking} pairs too near", capsules.len());
-        for near in near.iter().filter(|near| near.can_be_cut()) {
-            let room = capsules.len() + 2 * touched.len() + 1 < CAPSULES_MAX && round <= ROUNDS;
-            let both = near.pair.map(|capsule| cells[capsule]);
-            if !room || both.iter().any(|(draft, _)| touched.contains(draft)) {
-                continue;
-            }
-            let free = both.into_iter().filter(|(draft, _)| drafts[*draft].splitter.cells().len() < CELLS_MAX);
-            let free: Vec<(usize, usize)> = free.collect();
-            let savings = free.iter().filter_map(|&(draft, cell)| {
-                let saved = drafts[draft].splitter.saving_m3(cell)?;
-                let enough = SAVED_NEAR_SHARE * drafts[draft].splitter.cells()[cell].shape.volume_m3();
-                (saved > enough).then_some((saved, draft, cell))
-            });
-            if let Some((_, draft, cell)) = savings.max_by(|a, b| a.0.total_cmp(&b.0)) {
-                cut |= drafts[draft].splitter.cut(cell);
-                touched.push(draft);
-            } else if let Some(draft) = cut_away(model, drafts, &capsules, near.pair, both) {
-                cut = true;
-                touched.push(draft);
+        let narrowable = |only: fn(&Near) -> bool| {
+            near.iter().filter(move |near| near.is_blocking() && only(near) && narrowed < NARROWED_MAX)
+        };
+        let mut again = narrow_all(model, plan, &capsules, narrowable(|near| near.keep || !near.can_be_cut()));
+        let cut = if again { Vec::new() } else { cut_all(model, drafts, (&capsules, &cells), &near, round) };
+        if !again && cut.is_empty() {
+            again = narrow_all(model, plan, &capsules, narrowable(|_| true));
+            if !again {
+                return Ok((capsules, near.iter().map(Near::sentence).collect()));
             }
         }
-        if !cut {
-            return Ok((capsules, near.iter().map(Near::sentence).collect()));
+        if again {
+            (round, narrowed) = (0, narrowed + 1);
+            drafts.clone_from_slice(whole);
         }
-        touched.into_iter().for_each(|draft| drafts[draft].is_cut = true);
+        cut.into_iter().for_each(|draft| drafts[draft].is_cut = true);
     }
+}
+
+/// Narrows the ranges of the joints between these pairs where that helps. Returns false if it helps nowhere.
+fn narrow_all<'a>(model: &mut Model, plan: &Plan, capsules: &[Named], pairs: impl Iterator<Item = &'a Near>) -> bool {
+    let before = model.limits;
+    for near in pairs {
+        if let Some(narrowed) = narrow(model, plan, capsules, near) {
+            *model = narrowed;
+        }
+    }
+    model.limits != before
+}
+
+/// Cuts one capsule of each pair that is too near, where that helps. Returns the drafts that were cut.
+fn cut_all(
+    model: &Model,
+    drafts: &mut [Draft],
+    (capsules, cells): (&[Named], &[(usize, usize)]),
+    near: &[Near],
+    round: usize,
+) -> Vec<usize> {
+    let mut cut: Vec<usize> = Vec::new();
+    for near in near.iter().filter(|near| near.can_be_cut()) {
+        let room = capsules.len() + 2 * cut.len() + 1 < CAPSULES_MAX && round <= ROUNDS;
+        let both = near.pair.map(|capsule| cells[capsule]);
+        if !room || both.iter().any(|(draft, _)| cut.contains(draft)) {
+            continue;
+        }
+        let free = both.into_iter().filter(|(draft, _)| drafts[*draft].splitter.cells().len() < CELLS_MAX);
+        let free: Vec<(usize, usize)> = free.collect();
+        let savings = free.iter().filter_map(|&(draft, cell)| {
+            let saved = drafts[draft].splitter.saving_m3(cell)?;
+            let enough = SAVED_NEAR_SHARE * drafts[draft].splitter.cells()[cell].shape.volume_m3();
+            (saved > enough).then_some((saved, draft, cell))
+        });
+        if let Some((_, draft, cell)) = savings.max_by(|a, b| a.0.total_cmp(&b.0)) {
+            drafts[draft].splitter.cut(cell);
+            cut.push(draft);
+        } else {
+            cut.extend(cut_away(model, drafts, capsules, near.pair, both));
+        }
+    }
+    cut
 }
 
 /// Cuts one capsule of a pair, so that both are farther apart at home. Returns its draft.

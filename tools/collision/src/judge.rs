@@ -18,9 +18,11 @@ pub struct Judge<'a> {
 
 /// Largest number of deciding joints for which a proof by hulls is tried: parts of one shoulder or wrist, or a
 /// neck.
-const HULL_JOINTS_MAX: usize = 3;
+pub(crate) const HULL_JOINTS_MAX: usize = 3;
 /// Largest number of cells that a proof by fragments may visit. Their distances are slow.
 const FRAGMENT_CELLS_MAX: usize = 20_000;
+/// The same for joints that move: their ranges are worth more time.
+const MOVING_CELLS_MAX: usize = 60_000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum By {
@@ -117,7 +119,8 @@ impl<'a> Judge<'a> {
     fn prove_fragments(&self, first: usize, second: usize, bound_m: f64) -> Option<Proof> {
         self.bodies(first, second, HULL_JOINTS_MAX)?;
         let distance = |frames: &Frames, bounds_m| self.distance_m(first, second, frames, bounds_m).unwrap_or(0.0);
-        let at_least_m = self.prove_by(first, second, bound_m, FRAGMENT_CELLS_MAX, &distance)?;
+        let cells_max = if self.keep_posture(first, second) { FRAGMENT_CELLS_MAX } else { MOVING_CELLS_MAX };
+        let at_least_m = self.prove_by(first, second, bound_m, cells_max, &distance)?;
         Some(Proof { at_least_m, by: By::Fragments })
     }
 
@@ -144,8 +147,8 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Proves that the surfaces of two capsules' contents overlap in every posture within the limits in force, or in one
-    /// that moves them by no more than the clearance. So no command could keep it.
+    /// Proves that the surfaces of two capsules' contents touch in every posture within the limits in force, or in one that
+    /// moves them by no more than the clearance. They touch if no proof could tell them apart. So no command could keep it.
     pub fn prove_overlap(&self, first: usize, second: usize) -> bool {
         let proved = || {
             self.bodies(first, second, HULL_JOINTS_MAX)?;
@@ -153,7 +156,8 @@ impl<'a> Judge<'a> {
             let part_b = Part { body: self.body(second)?, points: &self.solid(second)?.cloud };
             let distance =
                 |frames: &Frames, bounds_m| self.distance_m(first, second, frames, bounds_m).unwrap_or(f64::INFINITY);
-            Some(prove_overlap(self.model, [&part_a, &part_b], self.model.d_min_m, FRAGMENT_CELLS_MAX, &distance))
+            let bounds_m = [self.plan.clear_close_mm * 1e-3, self.model.d_min_m];
+            Some(prove_overlap(self.model, [&part_a, &part_b], bounds_m, FRAGMENT_CELLS_MAX, &distance))
         };
         proved().unwrap_or(false)
     }

@@ -17,6 +17,7 @@ pub mod fragments;
 pub mod judge;
 pub mod limits;
 pub mod mesh;
+pub mod narrow;
 pub mod plan;
 pub mod prove;
 pub mod report;

@@ -13,7 +13,7 @@ use collision::first::first_plan;
 use collision::judge::Judge;
 use collision::plan::{Plan, SIDE};
 use collision::scene::{Posture, Scene};
-use collision::write::{Named, bare_model, fit_all, robot_file};
+use collision::write::{Named, bare_model, fit_all, robot_file, tightened};
 use robot::{AllowedReason, Frames, Model};
 use rt::{Exit, Failure, err, out};
 use std::path::{Path, PathBuf};
@@ -96,6 +96,8 @@ struct Texts {
     /// The capsules of a plan that the tool made.
     first: Option<Vec<Named>>,
     notes: Vec<String>,
+    /// Joints with their unit and the narrower range that the plan needs.
+    narrower: Vec<(String, &'static str, [f64; 2])>,
     shapes: urdf_rs::Robot,
     held: Posture,
     toml: NamedText,
@@ -122,15 +124,20 @@ fn read_all(source: &Source) -> Result<Texts, CollisionError> {
     let shapes = parse_all(&source.urdf)?;
     let (toml, urdf) = robot_texts(&source.robot)?;
     let (base_link, held) = held(&toml)?;
+    let mut narrower = Vec::new();
     let (plan, first, notes) = match &source.plan {
         Some(path) => (Plan::parse(&path.display().to_string(), &read_text(path)?)?, None, Vec::new()),
         None => {
             let model = bare_model(&base_link, (&toml.0, &toml.1), (&urdf.0, &urdf.1))?;
             let first = first_plan(&model, &shapes, source.meshes.as_deref(), &held)?;
+            for j in (0..model.count).filter(|j| model.limits[*j] != first.narrowed.limits[*j]) {
+                let (limits, unit) = (first.narrowed.limits[j], if model.prismatic[j] { "m" } else { "rad" });
+                narrower.push((model.joint_names[j].clone(), unit, [limits.q_min, limits.q_max]));
+            }
             (first.plan, Some(first.capsules), first.notes)
         }
     };
-    Ok(Texts { plan, first, notes, shapes, held, toml, urdf })
+    Ok(Texts { plan, first, notes, narrower, shapes, held, toml, urdf })
 }
 
 /// Returns a robot file's base link, and the positions of the joints that nothing commands.
@@ -180,6 +187,10 @@ fn write_text(path: &Path, text: &str) -> Result<(), CollisionError> {
 fn fit(source: &Source, out: Option<&Path>, plan_out: Option<&Path>) -> Result<bool, CollisionError> {
     let mut texts = read_all(source)?;
     texts.notes.iter().for_each(|note| err!("{note}"));
+    for (joint, unit, range) in std::mem::take(&mut texts.narrower) {
+        texts.toml.1 = tightened(&texts.toml.1, &joint, unit, range);
+        err!("narrowed, so that parts never touch: {joint} to {:.4} .. {:.4} {unit} ([tighten])", range[0], range[1]);
+    }
     if let Some(path) = plan_out {
         write_text(path, &texts.plan.text())?;
     }
@@ -272,7 +283,10 @@ fn check(source: &Source, sign: bool) -> Result<bool, CollisionError> {
     let texts = read_all(source)?;
     let model = Model::from_text(&texts.toml.0, &texts.toml.1, &texts.urdf.0, &texts.urdf.1)?;
     let scene = texts.scene(source);
-    let mut good = true;
+    let mut good = texts.narrower.is_empty();
+    for (joint, unit, [low, high]) in &texts.narrower {
+        out!("{joint} needs a range of at most {low:.4} to {high:.4} {unit}: fit again, or narrow it under [tighten]");
+    }
     let wide = texts.plan.groups.iter().map(|group| group.name.len()).max().unwrap_or(0);
     for group in &texts.plan.groups {
         // The right side of a pair of groups is mirrored into the left one, both contents and capsules.

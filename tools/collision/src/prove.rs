@@ -266,17 +266,17 @@ pub fn prove_parts(
     }
 }
 
-/// Proves that two parts overlap in every posture, or in one that moves them by at most `reach_m`. `distance` is 0 where
-/// they overlap. The proof visits at most `cells_max` cells.
+/// Proves that two parts are not farther apart than `touch_m` in every posture, or in one that moves them by at most `reach_m`.
+/// The proof visits at most `cells_max` cells.
 pub fn prove_overlap(
     model: &Model,
     parts: [&Part<'_>; 2],
-    reach_m: f64,
+    [touch_m, reach_m]: [f64; 2],
     cells_max: usize,
     distance: &Distance<'_>,
 ) -> bool {
     Between::new(model, parts, distance).visit(cells_max, &mut |frames, drift_m| {
-        if distance(frames, [0.0, 0.0]) > 0.0 {
+        if distance(frames, [touch_m, touch_m]) > touch_m {
             return Step::Stop;
         }
         if drift_m <= reach_m { Step::Done } else { Step::Halve }

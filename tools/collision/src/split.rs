@@ -121,6 +121,7 @@ struct Halves {
 }
 
 /// Cuts contents into more and more cells.
+#[derive(Clone)]
 pub struct Splitter {
     cells: Vec<Cell>,
     /// The best cut of each cell, where it is known. The inner one is absent if the cell cannot be cut.

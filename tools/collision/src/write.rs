@@ -76,6 +76,19 @@ pub fn head(text: &str) -> &str {
     text.find(MARK).map_or(text, |at| &text[..at])
 }
 
+/// Returns a robot file's text in which a joint has this range under `[tighten]`.
+pub fn tightened(text: &str, joint: &str, unit: &str, [low, high]: [f64; 2]) -> String {
+    let hand = head(text);
+    let bare = joint.chars().all(|c| c.is_ascii_alphanumeric() || "_-".contains(c));
+    let header = if bare { format!("[tighten.{joint}]") } else { format!("[tighten.\"{joint}\"]") };
+    let range = format!("{header}\nposition_min_{unit} = {low:?}\nposition_max_{unit} = {high:?}\n");
+    let (before, own) = hand.split_once(&header).unwrap_or((hand, ""));
+    let (own, after) = own.find("\n[").map_or((own, ""), |end| own.split_at(end));
+    let kept = |line: &&str| !line.trim_start().starts_with("position_");
+    let kept: String = own.lines().skip(1).filter(kept).map(|line| format!("{line}\n")).collect();
+    format!("{}\n\n{range}{kept}{after}\n{}", before.trim_end(), &text[hand.len()..])
+}
+
 pub fn capsules_text(capsules: &[Named]) -> String {
     let mut text = String::new();
     let triple = |v: &nalgebra::Vector3<f64>| {
