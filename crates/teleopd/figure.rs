@@ -255,7 +255,7 @@ mod tests {
         assert!(!any(&person, 0..2 * COLUMNS, 0..4), "nothing is above the head");
     }
 
-    /// Two of them have no head, three have no lift, one stands on legs.
+    /// Two of them have no head, two have a lift, two stand on legs.
     #[test]
     fn figure_of_every_shipped_robot_has_hands_and_stands() {
         let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
@@ -264,6 +264,7 @@ mod tests {
             ("unitree_g1", true, 1.0..1.5),
             ("rby1a", true, 1.0..1.8),
             ("openarm_v10", false, 0.6..1.0),
+            ("unitree_h1", true, 1.7..2.0),
             ("franka_fr3_duo", false, 1.2..1.7),
         ] {
             let overrides = config::Overrides::robot(Some(&name.into()));

@@ -268,7 +268,8 @@ fn arms_that_cross_over_the_head_do_not_leave_the_torso() {
 
 #[test]
 fn noise_of_folded_arms_is_not_magnified() {
-    for name in ROBOTS {
+    // The H1 cannot turn its forearms about their length, which counts here.
+    for name in ROBOTS.into_iter().filter(|name| *name != "unitree_h1") {
         let model = shipped(name);
         let (arm, correction) =
             (ArmModel::from_model(&model), Correction { robot: Proportions::from_model(&model), weight: 1.0 });

@@ -4,8 +4,15 @@ use config::Overrides;
 use std::path::Path;
 
 /// The shipped robots.
-const SHIPPED: [&str; 6] =
-    ["tiago_dual", "tiago_dual_pal_gripper", "unitree_g1", "openarm_v10", "franka_fr3_duo", "rby1a"];
+const SHIPPED: [&str; 7] = [
+    "tiago_dual",
+    "tiago_dual_pal_gripper",
+    "unitree_g1",
+    "openarm_v10",
+    "franka_fr3_duo",
+    "rby1a",
+    "unitree_h1",
+];
 
 fn shipped(name: &str) -> Model {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");

@@ -20,7 +20,8 @@ pub(crate) const START_NS: u64 = 5_000_000_000;
 /// A millisecond, ns.
 pub(crate) const MS: u64 = 1_000_000;
 /// The robots with weights of their own.
-pub(crate) const ROBOTS: [&str; 5] = ["tiago_dual", "unitree_g1", "openarm_v10", "franka_fr3_duo", "rby1a"];
+pub(crate) const ROBOTS: [&str; 6] =
+    ["tiago_dual", "unitree_g1", "openarm_v10", "franka_fr3_duo", "rby1a", "unitree_h1"];
 
 /// A shipped robot.
 pub(crate) fn shipped(name: &str) -> robot::Model {
