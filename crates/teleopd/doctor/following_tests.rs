@@ -4,7 +4,7 @@ use config::Overrides;
 use std::path::Path;
 
 /// The shipped robots.
-const SHIPPED: [&str; 7] = [
+const SHIPPED: [&str; 8] = [
     "tiago_dual",
     "tiago_dual_pal_gripper",
     "unitree_g1",
@@ -12,6 +12,7 @@ const SHIPPED: [&str; 7] = [
     "franka_fr3_duo",
     "rby1a",
     "unitree_h1",
+    "ur5e_pair",
 ];
 
 fn shipped(name: &str) -> Model {
