@@ -40,7 +40,7 @@ const SENTENCE_WORDS_MAX: usize = 30;
 
 /// Budget of lines for each part of the tree: the count of 2026-11-29, less what was removed since. Raising one is a
 /// decision.
-const BUDGETS: [(&str, usize); 3] = [("product", 75_099), ("tools", 29_594), ("tests", 47_144)];
+const BUDGETS: [(&str, usize); 3] = [("product", 75_777), ("tools", 28_493), ("tests", 47_420)];
 
 fn rust() -> Vec<(String, String)> {
     let mut all = sources::rust_files();
