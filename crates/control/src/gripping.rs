@@ -2,7 +2,7 @@
 
 use crate::Config;
 use crate::target::Target;
-use messages::{GripperMotion, Layout, Mode};
+use messages::{GripperMotion, Layout, Mode, source_flag};
 use safety::{gate, gripper};
 
 /// A hand takes its gripper over at this difference of their closures. Assumption: a person does not see less.
@@ -15,13 +15,15 @@ pub(super) struct Gripping {
     sent: GripperMotion,
     /// The hands that have taken their grippers over.
     taken: [bool; 2],
+    /// Bits of `source_flag` of the last target. Who leads next has to meet the gripper first.
+    sources: u32,
     /// The hands' closures at the last tick of this engagement.
     seen: [Option<f64>; 2],
 }
 
 impl Default for Gripping {
     fn default() -> Self {
-        Self { sent: GripperMotion::ZERO, taken: [false; 2], seen: [None; 2] }
+        Self { sent: GripperMotion::ZERO, taken: [false; 2], sources: 0, seen: [None; 2] }
     }
 }
 
@@ -44,6 +46,13 @@ impl Gripping {
         mode: Mode,
         target: Option<&Target>,
     ) -> (GripperMotion, Option<gate::Denial>) {
+        let sources = target.map_or(0, |target| target.sources);
+        let changed = sources ^ core::mem::replace(&mut self.sources, sources);
+        for side in 0..2 {
+            if changed & (source_flag::PERSON[side] | source_flag::POLICY[side]) != 0 {
+                (self.taken[side], self.seen[side]) = (false, None);
+            }
+        }
         let goals = core::array::from_fn(|side| match mode {
             Mode::Engaged => self.follow(side, target),
             _ => {

@@ -5,7 +5,7 @@
 use crate::Config;
 use crate::leaders::Leaders;
 use messages::{
-    HAND_NODES, JOINTS_MAX, JointTarget, LIMBS, PersonChange, Stamp, Subject, TRAJECTORY_NODES, source_flag,
+    HAND_NODES, JOINTS_MAX, JointTarget, LIMBS, Mode, PersonChange, Stamp, Subject, TRAJECTORY_NODES, source_flag,
     target_flag,
 };
 use retarget::Limbs;
@@ -13,12 +13,20 @@ use robot::Model;
 use safety::engage::TargetView;
 use safety::monitor::TargetSteps;
 
+/// Age at which a policy's target counts as gone beside a newer one of the person, ns. Both come in every tick.
+const POLICY_SILENT_NS: u64 = 100_000_000;
+/// Session after a policy that left while nobody else is there: its return needs a new enable.
+const GONE: u64 = u64::MAX;
+
 /// The newest targets of the person and of the policy, and who leads.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Targets {
     person: Arrived,
     policy: Arrived,
     leaders: Leaders,
+    /// Steps of the target that a policy and a person lead together.
+    steps: TargetSteps,
+    jumped: bool,
 }
 
 /// The newest target of one source, and what the check on its arrival found.
@@ -92,39 +100,43 @@ impl Targets {
         self.policy.receive(config, now, policy);
     }
 
-    /// Decides who leads. `q` is the command of the last tick. If `follows` is false, nobody is followed now.
-    pub(super) fn lead(
-        &mut self,
-        model: &Model,
-        now: Stamp,
-        takes_over: [bool; 2],
-        q: &[f64; JOINTS_MAX],
-        follows: bool,
-    ) {
-        let mut leaders = std::mem::take(&mut self.leaders);
-        if let Some(policy) = self.policy() {
-            leaders.update(model, now, (self.person.newest.as_ref(), policy), takes_over, (q, follows));
-            self.leaders = leaders;
-        }
+    /// Decides who leads. `q` is the command of the last tick, `mode` the mode since then.
+    pub(super) fn lead(&mut self, model: &Model, now: Stamp, takes_over: [bool; 2], q: &[f64; JOINTS_MAX], mode: Mode) {
+        let (mut leaders, mut steps) = (std::mem::take(&mut self.leaders), std::mem::take(&mut self.steps));
+        let (Some(policy), person) = (self.policy(), self.person.newest.as_ref()) else { return };
+        leaders.update(model, now, (person, policy), takes_over, (q, mode));
+        let target = leaders.target(model, person, policy);
+        let jumped = steps.jumped(model, target.k, &target.q, target.valid_mask, None);
+        (self.leaders, self.steps, self.jumped) = (leaders, steps, jumped);
     }
 
     /// The policy's target while it holds its lease. A `retarget` that was restarted since knows of no policy.
     fn policy(&self) -> Option<&JointTarget> {
         let (person, policy) = (&self.person.newest, self.policy.newest.as_ref()?);
-        let restarted = person.as_ref().is_some_and(|person| person.header.incarnation != policy.header.incarnation);
-        (policy.session_nonce != 0 && !restarted).then_some(policy)
+        let is_over = person.as_ref().is_some_and(|person| {
+            let silent_ns = person.header.stamp.since(policy.header.stamp);
+            person.header.incarnation != policy.header.incarnation || silent_ns > POLICY_SILENT_NS
+        });
+        (policy.session_nonce != 0 && !is_over).then_some(policy)
     }
 
     /// The targets as engagement sees them. While a policy holds its lease, its session counts. What leads must be fresh.
     pub(super) fn view(&self) -> TargetView {
         if self.policy().is_none() {
-            return self.person.view;
+            let mut view = self.person.view;
+            if view.session_nonce == 0 && self.policy.newest.is_some() {
+                view.session_nonce = GONE;
+            }
+            return view;
         }
         let (person, policy, taken) = (&self.person.view, &self.policy.view, self.leaders.taken());
-        let mut view = *policy;
+        let mut view = TargetView { jumped: self.jumped, ..*policy };
         if taken.contains(&true) {
-            let sees_person = person.input_fresh && person.session_nonce == self.leaders.person;
-            view.input_fresh = sees_person && (taken == [true; 2] || policy.input_fresh);
+            view.input_fresh = person.input_fresh && (taken == [true; 2] || policy.input_fresh);
+            if person.session_nonce != self.leaders.person {
+                // Another person leads nothing: as a change of the session.
+                view.session_nonce = person.session_nonce.max(1);
+            }
             view.input_received = match taken {
                 [true, true] => person.input_received,
                 _ => person.input_received.min(policy.input_received),
@@ -132,7 +144,6 @@ impl Targets {
             view.config_matches &= person.config_matches;
             view.clutch |= person.clutch;
             view.implausible |= person.implausible;
-            view.jumped |= person.jumped;
         }
         view
     }
@@ -154,9 +165,9 @@ impl Targets {
             .flat_map(|side| model.arms[side].range())
             .fold(0, |joints, j| joints | 1 << j);
         let of_arm = |side: usize| (!left_out[side]).then_some(side);
-        let taken = self.leaders.taken();
-        let source =
-            |side: usize| if led.is_some() && !taken[side] { source_flag::POLICY } else { source_flag::PERSON };
+        let nobody_else = source_flag::PERSON[0] | source_flag::PERSON[1];
+        let sources = if led.is_some() { self.leaders.sources() } else { nobody_else };
+        let of_side = |side: usize| source_flag::PERSON[side] | source_flag::POLICY[side];
         Some(Target {
             may_be_followed: view.input_fresh && target.robot == model.id(),
             stamp: target.header.stamp,
@@ -174,7 +185,7 @@ impl Targets {
                 places: target.hand_places,
             }),
             closure: core::array::from_fn(|side| of_arm(side).and_then(|side| closure(target, side))),
-            sources: (0..2).filter_map(of_arm).fold(0, |all, side| all | source(side)[side]),
+            sources: (0..2).filter_map(of_arm).fold(0, |all, side| all | sources & of_side(side)),
         })
     }
 }

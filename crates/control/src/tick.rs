@@ -84,9 +84,9 @@ impl State {
         let missed = self.last_k.map_or(0, |last| input.k.saturating_sub(last + 1));
         self.last_k = Some(input.k);
         self.targets.receive(config, now, [input.target, input.policy]);
-        let follows = matches!(self.engage.mode(), Mode::Engaging | Mode::Engaged);
         let JointMotion { q, .. } = self.commander.commanded();
-        self.targets.lead(&config.model, now, input.operator.takes_over, &q, follows);
+        let takes_over = [0, 1].map(|side| input.operator.takes_over[side] && !input.operator.left_out[side]);
+        self.targets.lead(&config.model, now, takes_over, &q, self.engage.mode());
         let first_second = self.report.status.speed_scale <= engage::SPEED_SCALE_FIRST;
         let begins = self.engage.mode() == Mode::Engaging && first_second;
         self.robot.receive(config, now, input.robot, begins);

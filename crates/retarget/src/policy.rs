@@ -30,40 +30,65 @@ impl Config {
     }
 }
 
+/// Chunks that wait for their start. A policy that plans a second ahead, four times a second, needs as many (assumption).
+const WAITING_MAX: usize = 4;
+
 /// State of the stage. Fixed size, no heap.
 #[derive(Clone, Debug)]
 pub struct State {
     /// The chunk that plays. Its session is zero before the first.
     playing: PolicyChunk,
-    /// The chunk that replaces it at its start. Its session is zero if there is none.
-    next: PolicyChunk,
+    /// Chunks that replace it, each at its start, in this order. Those beyond `count` mean nothing.
+    waiting: [PolicyChunk; WAITING_MAX],
+    count: usize,
 }
 
 impl Default for State {
     fn default() -> Self {
-        Self { playing: PolicyChunk::ZERO, next: PolicyChunk::ZERO }
+        Self { playing: PolicyChunk::ZERO, waiting: [PolicyChunk::ZERO; WAITING_MAX], count: 0 }
+    }
+}
+
+impl State {
+    /// Adds a chunk. It takes the place of those that would begin after it. If all places are taken, the last one goes.
+    fn receive(&mut self, chunk: &PolicyChunk) {
+        let known = if self.count > 0 { self.waiting[0].session_nonce } else { self.playing.session_nonce };
+        if known != 0 && known != chunk.session_nonce {
+            (self.playing, self.count) = (PolicyChunk::ZERO, 0);
+        }
+        while self.count > 0 && self.waiting[self.count - 1].start >= chunk.start {
+            self.count -= 1;
+        }
+        self.count = (self.count + 1).min(WAITING_MAX);
+        self.waiting[self.count - 1] = *chunk;
+    }
+
+    /// Lets every chunk play whose start has come.
+    fn promote(&mut self, now: Stamp) {
+        while self.count > 0 && self.waiting[0].start <= now {
+            self.playing = self.waiting[0];
+            self.waiting.copy_within(1.., 0);
+            self.count -= 1;
+        }
     }
 }
 
 /// Advances the stage by one period. Without a policy the session of the target is zero. Never allocates, blocks, reads a
 /// clock or panics. The header contains only `origin`: the process fills in the rest.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, k: u64, chunk: Option<&PolicyChunk>) -> JointTarget {
+    state.promote(now);
     if let Some(chunk) = chunk.filter(|chunk| (1..=CHUNK_ROWS_MAX as u32).contains(&chunk.rows) && chunk.period_ns > 0)
     {
-        if chunk.session_nonce != state.playing.session_nonce {
-            state.playing = PolicyChunk::ZERO;
-        }
-        state.next = *chunk;
+        state.receive(chunk);
+        state.promote(now);
     }
-    let State { playing, next } = state;
-    if next.session_nonce != 0 && next.start <= now {
-        (*playing, next.session_nonce) = (*next, 0);
-    }
-    let newest = if next.session_nonce != 0 { &*next } else { &*playing };
+    let State { playing, waiting, count } = state;
+    let next = waiting[..*count].first();
+    let newest = waiting[..*count].last().unwrap_or(playing);
     let gone = now.since(newest.received) > config.silent_ns && now > end(newest);
     let mut target = JointTarget { k, q: config.home, robot: config.robot, ..JointTarget::ZERO };
     if newest.session_nonce == 0 || gone {
-        (playing.session_nonce, next.session_nonce) = (0, 0);
+        (playing.session_nonce, *count) = (0, 0);
         return target;
     }
     target.session_nonce = newest.session_nonce;
@@ -75,13 +100,13 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, k: u64, chunk: Optio
     target.header = Header { origin: playing.header.origin, ..target.header };
     target.flags = target_flag::INPUT_FRESH;
     target.valid_mask = playing.valid_mask;
-    let bridged_s = (next.session_nonce != 0).then(|| gap_s(playing, next)).flatten();
+    let bridged = next.and_then(|next| Some((next, gap_s(playing, next)?)));
     // The age of the input counts from the last time for which the policy has a row.
-    target.input_received = if bridged_s.is_some() { now } else { now.min(end(playing)) };
+    target.input_received = if bridged.is_some() { now } else { now.min(end(playing)) };
     for j in (0..config.robot.joint_count as usize).filter(|j| playing.valid_mask & 1 << j != 0) {
-        let gap_s = bridged_s.filter(|_| next.valid_mask & 1 << j != 0 && last_row(playing) <= now);
-        let (q, v) = match gap_s {
-            Some(gap_s) => line(playing, next, (now, gap_s), j),
+        let bridged = bridged.filter(|(next, _)| next.valid_mask & 1 << j != 0 && last_row(playing) <= now);
+        let (q, v) = match bridged {
+            Some((next, gap_s)) => line(playing, next, (now, gap_s), j),
             None => curve(playing, now, j),
         };
         target.q[j] = q;

@@ -114,6 +114,19 @@ fn chunk_replaces_the_one_before_from_its_own_start_on() {
 }
 
 #[test]
+fn chunks_that_are_planned_ahead_play_one_after_the_other() {
+    let mut bench = Bench::new();
+    for i in 0..20 {
+        let chunk = bench.chunk(200, 50, &[i as f32 * 0.01; 4]);
+        bench.next(Some(&chunk));
+        let shown = bench.play(49);
+        if i >= 5 {
+            assert!(is_fresh(&shown) && (shown.q[3] - f64::from(i - 4) * 0.01).abs() < 0.011, "{i}: {}", shown.q[3]);
+        }
+    }
+}
+
+#[test]
 fn chunk_that_begins_later_is_not_followed_before() {
     let mut bench = Bench::new();
     let chunk = bench.chunk(100, 50, &[0.5, 0.5]);

@@ -39,11 +39,12 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         let chunk = rt::allocating_aside(|| chunks.latest());
         if leads || chunk.is_some() {
             let mut target = retarget::policy::tick(&policy_config, &mut policy, tick.woke, tick.k, chunk.as_ref());
-            // The last one says that the policy is gone.
-            leads = target.session_nonce != 0;
             let stamp = rt::now();
+            let is_old = process.is_old(tick.k, stamp);
+            // The last one says that the policy is gone. It must go out.
+            leads = target.session_nonce != 0 || is_old;
             target.header = process.header(sequence + 1, stamp, target.header.origin);
-            if !process.is_old(tick.k, stamp) {
+            if !is_old {
                 process.publish(&mut led, &target);
             }
         }

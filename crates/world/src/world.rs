@@ -258,6 +258,10 @@ impl World {
     /// Kills and restarts `retarget`.
     pub fn restart_retarget(&mut self) {
         *self.retarget = retarget::State::default();
+        self.chunk = None;
+        if let Some(policy) = &mut self.policy {
+            policy.1 = policy::State::default();
+        }
         self.retarget_header.incarnation = self.incarnations.draw();
         self.retarget_header.sequence = 0;
     }
@@ -333,7 +337,7 @@ impl World {
         let (mut target_seen, mut state_seen, mut control) = (None, None, None);
         if running.control {
             (target_seen, state_seen) = (self.targets.latest(), self.states.latest());
-            let policy = self.lead(config, start.plus_ns(TARGET_AFTER_NS));
+            let policy = running.retarget.then(|| self.lead(config, start.plus_ns(TARGET_AFTER_NS))).flatten();
             let seen = (target_seen.as_ref(), policy.as_ref(), state_seen.as_ref());
             control = Some(self.control(config, command_at, operator, seen, tamper));
         }

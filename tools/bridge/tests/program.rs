@@ -149,5 +149,8 @@ fn bridge_without_an_instance_exits_with_an_error() {
         .output()
         .expect("it runs");
     assert_eq!(output.status.code(), Some(69));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("/nowhere/at/all: no instance"), "{output:?}");
+    assert!(
+        String::from_utf8_lossy(&output.stderr).contains("no instance of teleopd runs in /nowhere/at/all"),
+        "{output:?}"
+    );
 }

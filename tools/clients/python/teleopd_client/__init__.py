@@ -270,6 +270,10 @@ def joint_names(run_dir=DEFAULT_RUN_DIR):
         raise TeleopdError(f"{run_dir}: the names of the joints cannot be read ({error}): does `teleopd up` run there?") from error
 
 
+#: age of `Joints` that a policy may still rest on: they come every 10 ms
+OLD_NS = 500_000_000
+
+
 class Policy:
     """A program that leads the robot by joint targets, under an operator's enable.
 
@@ -308,20 +312,23 @@ class Policy:
         self._chunk = PolicyChunk()
         self._chunk.session_nonce = random.SystemRandom().getrandbits(64) or 1
         self._chunk.header.incarnation = random.SystemRandom().getrandbits(32)
-        self._state = None
+        self._state = self._newest = None
 
     def observe(self, within_s=2.0):
-        """The newest `Joints`. Waits up to `within_s` for the first one. Chunks that are published next rest on it."""
+        """The newest `Joints`. Waits up to `within_s` for one that is not old. Chunks that are published next rest on it."""
         give_up = time.monotonic() + within_s
         while True:
-            self._state = self._reader.latest() or self._state
-            if self._state is not None and self._state.known & _layout.JOINTS_STATE:
-                return self._state
+            self._newest = self._reader.latest() or self._newest
+            state = self._newest
+            old = state is None or time.monotonic_ns() - state.header.stamp > OLD_NS
+            if not old and state.known & _layout.JOINTS_STATE:
+                self._state = state
+                return state
             if time.monotonic() > give_up:
                 raise TeleopdError("no joints came: does the driver run, and does it measure?")
             time.sleep(0.002)
 
-    def publish(self, rows, rate_hz, start_ns=None, velocities=None, closure=(None, None)):
+    def publish(self, rows, rate_hz, start_ns=None, velocities=None, closure=(None, None), observed=None):
         """Publishes a chunk; answers its sequence number.
 
         rows: 1 to 100 rows of joint positions (rad, m), a column for each of `joints`. rate_hz: rows a second, 1 to 200.
@@ -329,7 +336,7 @@ class Policy:
         stream of single rows is a polyline. velocities: as rows; without them a curve through the rows has its own.
         closure: for the left and the right gripper a number for each row, 0 (open) to 1 (closed), or None.
 
-        The chunk replaces the one before from its start on. It rests on the last `observe()`: after a person has led an arm,
+        The chunk replaces the one before from its start on. It rests on `observed`, or on the last `observe()`: after a person has led an arm,
         a chunk counts only if that was later. Raises ValueError for rows that no chunk has.
         """
         if self._state is None:
@@ -358,7 +365,7 @@ class Policy:
         chunk.start = start_ns if start_ns is not None else now + (chunk.period_ns if count == 1 else 0)
         chunk.header.sequence += 1
         chunk.header.stamp = now
-        chunk.header.origin = self._state.header.stamp
+        chunk.header.origin = (observed or self._state).header.stamp
         try:
             self._publisher.send_copy(chunk)
             self._notifier.notify()
@@ -368,7 +375,7 @@ class Policy:
 
     def dropped(self):
         """Why the newest chunk was dropped within the last second, or None."""
-        state = self.observe()
+        self._newest = state = self._reader.latest() or self._newest or self.observe()
         return _layout.CHUNK_DROPS[state.chunk_dropped_why - 1] if state.chunk_dropped_why else None
 
     def _fill(self, into, rows, what, count):
