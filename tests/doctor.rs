@@ -177,7 +177,7 @@ fn refused_demo_starts_and_replaces_nothing() {
     for (arguments, code, parts) in [
         (["--motion", &place("bad.bvh"), "--report", &place("walk.json")], 66, ["bad.bvh"; 2]),
         (["--motion", &place("bad.bvh"), "--report", &place("new.json")], 66, ["bad.bvh"; 2]),
-        (["--motion", &place("arms.csv"), "--report", &place("walk.json")], 66, ["arms.csv", "only `replay`"]),
+        (["--motion", &place("arms.csv"), "--report", &place("walk.json")], 66, ["arms.csv", "`replay` plays .csv"]),
         (["--quiet", "--view", "--view-port", &port], 69, ["--view-port 0", &port]),
         (["--seconds", "6", "--record", &place("run.mcap")], 73, ["exists already, and is not replaced"; 2]),
         (["--seconds", "6", "--record", &place("none/run.mcap")], 73, ["there is no folder"; 2]),
