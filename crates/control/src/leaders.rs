@@ -64,10 +64,9 @@ impl Leaders {
                 _ => Leader::Policy,
             };
         }
-        for j in 0..model.count {
-            let led = self.leader(model, (person, policy), j).is_some();
-            if !follows || led {
-                self.rest[j] = q[j];
+        for (j, &q) in q.iter().enumerate().take(model.count) {
+            if !follows || self.leader(model, (person, policy), j).is_some() {
+                self.rest[j] = q;
             }
         }
     }
