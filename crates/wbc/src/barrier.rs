@@ -132,7 +132,7 @@ impl Barrier {
             way: [anchor.clone(), anchor.clone(), anchor.clone()],
             end: anchor,
             paths: NO_ROWS,
-            reachable: Vec::with_capacity(geometry.pair_count()),
+            reachable: vec![0; geometry.pair_count()],
             rows: Nearest::new(),
             listed: [Key::default(); ROWS_MAX],
             listed_len: 0,
@@ -194,8 +194,8 @@ impl Barrier {
         geometry.add_paths(&std::array::from_fn(|j| plan.joints[j].path()), &mut self.paths);
         // All samples lie on the plan's way from here.
         let mut reachable = std::mem::take(&mut self.reachable);
-        geometry.list_reachable(JointSet::MAX, &now.least, &self.paths, |_| most_m, &mut reachable);
-        for &pair in &reachable {
+        let count = geometry.list_reachable(JointSet::MAX, &now.least, &self.paths, |_| most_m, &mut reachable);
+        for &pair in &reachable[..count] {
             let pair = usize::from(pair);
             // A pair that is near at none of both ends has no rows.
             if now.least[pair] > NEAR_M && self.end.is_beyond(geometry, pair, NEAR_M)

@@ -190,7 +190,7 @@ impl Scratch {
             top: 0,
             reaches: vec![Reach::default(); capsules],
             paths: NO_ROWS,
-            listed: Vec::with_capacity(geometry.pairs.len()),
+            listed: vec![0; geometry.pairs.len()],
             swings: [Swing::default(); JOINTS_MAX],
             segment: 0,
             evaluations: 0,
@@ -290,9 +290,9 @@ impl Proof<'_> {
         // No floor is higher than the farthest. So what follows would drop the pairs too that these bounds drop.
         let mut listed = std::mem::take(&mut self.s.listed);
         let nearest = |pair| farthest + self.largest_deviation(pair);
-        self.geometry.list_reachable(fresh, &anchor.least, &self.s.paths, nearest, &mut listed);
+        let count = self.geometry.list_reachable(fresh, &anchor.least, &self.s.paths, nearest, &mut listed);
         let mut full = None;
-        for &i in &listed {
+        for &i in &listed[..count] {
             let i = usize::from(i);
             let (pair, separation) = (&self.geometry.pairs[i], anchor.separation(self.geometry, i));
             let path = self.reach(pair.a).1 + self.reach(pair.b).1;

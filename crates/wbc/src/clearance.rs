@@ -16,7 +16,7 @@
 //! *Same decisions.* No bound takes the place of a distance. A caller asks whether a pair is farther apart than it
 //! cares for. If the bound says so, the distance would say so too, and the pair is not measured. In any other case it
 //! is measured. The separation along the direction of the closest points may be below the distance, where axes are almost
-//! parallel: by less than 1e-7 m at distances above 1 mm. The sums err by less than 3e-7 m, because they begin again
+//! parallel: by less than 1e-7 m at distances above 1 mm. The sums err by less than 6e-7 m, because they begin again
 //! after [`MOVES_MAX`] moves, and after any move above [`MOVE_MAX`]. [`SPARE_M`] is more than both. A test compares the
 //! decisions with and without bounds.
 

@@ -202,7 +202,7 @@ impl Geometry {
         change_m(self.pair_rows[pair], rows)
     }
 
-    /// Lists the pairs that `fresh` joints change and that may come nearer than `nearest_m(pair)` while the bodies move
+    /// Lists the pairs, and returns their number, that `fresh` joints change and that may come nearer than `nearest_m(pair)` while the bodies move
     /// by `paths`. `least` are lower bounds of their distances before, m.
     pub(crate) fn list_reachable(
         &self,
@@ -210,17 +210,19 @@ impl Geometry {
         least: &[f64],
         paths: &Rows,
         nearest_m: impl Fn(usize) -> f64,
-        list: &mut Vec<u16>,
-    ) {
-        list.clear();
+        list: &mut [u16],
+    ) -> usize {
+        let mut count = 0;
         let pairs = self.between.iter().zip(&self.pair_rows).zip(least);
         for (pair, ((between, rows), least)) in pairs.enumerate() {
             // Written so that NaN is listed.
             let apart = least - change_m(*rows, paths) >= nearest_m(pair);
             if between & fresh != 0 && !apart {
-                list.push(pair as u16);
+                list[count] = pair as u16;
+                count += 1;
             }
         }
+        count
     }
 
     /// Adds solids that stand on the base. Every moving capsule must stay apart from each.

@@ -16,6 +16,9 @@ fn tick_under_attack_allocates_nothing() {
     let mut attacker = Attacker::new(&robot, Pcg64::seed_from_u64(77));
     let mut in_ticks = 0;
     for k in 0..10_000 {
+        if k % 500 == 0 {
+            state = state.clone();
+        }
         attacker.next(k, &state.planned().q);
         let input = input(k, &attacker);
         in_ticks += count_allocations(|| tick(&config, &mut state, Stamp::NONE, input)).1.allocated;

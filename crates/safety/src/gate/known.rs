@@ -15,7 +15,7 @@
 //! A bound never takes the place of a distance. A pair is skipped if its bound is at least what it needs, and more than the
 //! least distance so far. Its measured distance would be so too. So the pair would neither be left open nor be the nearest
 //! one. Any other pair is measured. A distance errs by less than 1e-12 m. A sum begins again after [`MOVES_MAX`] commands, and after any
-//! move above [`MOVE_MAX`]. It then errs by less than 3e-7 m. [`SPARE_M`] is more than both. A test judges the same
+//! move above [`MOVE_MAX`]. It then errs by less than 6e-7 m. [`SPARE_M`] is more than both. A test judges the same
 //! commands with and without bounds.
 
 use messages::JOINTS_MAX;
