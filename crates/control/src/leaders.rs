@@ -16,7 +16,7 @@ enum Leader {
 }
 
 /// The leaders of both arms.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Leaders {
     arms: [Leader; 2],
     /// Session of the person who leads, as it was at the takeover. Another person leads nothing.
@@ -25,12 +25,6 @@ pub(super) struct Leaders {
     offset: [f64; JOINTS_MAX],
     /// Positions of the joints that nobody leads, rad or m.
     rest: [f64; JOINTS_MAX],
-}
-
-impl Default for Leaders {
-    fn default() -> Self {
-        Self { arms: [Leader::Policy; 2], person: 0, offset: [0.0; JOINTS_MAX], rest: [0.0; JOINTS_MAX] }
-    }
 }
 
 impl Leaders {

@@ -24,7 +24,9 @@ pub(super) struct Targets {
     person: Arrived,
     policy: Arrived,
     leaders: Leaders,
-    /// Steps of the target that a policy and a person lead together.
+    /// Target of this tick that a policy and a person lead together. `None` without a policy.
+    led: Option<JointTarget>,
+    /// Steps of that target.
     steps: TargetSteps,
     jumped: bool,
 }
@@ -103,11 +105,12 @@ impl Targets {
     /// Decides who leads. `q` is the command of the last tick, `mode` the mode since then.
     pub(super) fn lead(&mut self, model: &Model, now: Stamp, takes_over: [bool; 2], q: &[f64; JOINTS_MAX], mode: Mode) {
         let (mut leaders, mut steps) = (std::mem::take(&mut self.leaders), std::mem::take(&mut self.steps));
+        self.led = None;
         let (Some(policy), person) = (self.policy(), self.person.newest.as_ref()) else { return };
         leaders.update(model, now, (person, policy), takes_over, (q, mode));
         let target = leaders.target(model, person, policy);
         let jumped = steps.jumped(model, target.k, &target.q, target.valid_mask, None);
-        (self.leaders, self.steps, self.jumped) = (leaders, steps, jumped);
+        (self.leaders, self.led, self.steps, self.jumped) = (leaders, Some(target), steps, jumped);
     }
 
     /// The policy's target while it holds its lease. A `retarget` that was restarted since knows of no policy.
@@ -122,7 +125,7 @@ impl Targets {
 
     /// The targets as engagement sees them. While a policy holds its lease, its session counts. What leads must be fresh.
     pub(super) fn view(&self) -> TargetView {
-        if self.policy().is_none() {
+        if self.led.is_none() {
             let mut view = self.person.view;
             if view.session_nonce == 0 && self.policy.newest.is_some() {
                 view.session_nonce = GONE;
@@ -157,16 +160,14 @@ impl Targets {
     /// before the first target.
     pub(super) fn reduced(&self, model: &Model, left_out: [bool; 2]) -> Option<Target> {
         let view = self.view();
-        let newest = self.person.newest.as_ref();
-        let led = self.policy().map(|policy| self.leaders.target(model, newest, policy));
-        let target = led.as_ref().or(newest)?;
+        let target = self.led.as_ref().or(self.person.newest.as_ref())?;
         let left_joints: u32 = (0..2)
             .filter(|&side| left_out[side])
             .flat_map(|side| model.arms[side].range())
             .fold(0, |joints, j| joints | 1 << j);
         let of_arm = |side: usize| (!left_out[side]).then_some(side);
         let nobody_else = source_flag::PERSON[0] | source_flag::PERSON[1];
-        let sources = if led.is_some() { self.leaders.sources() } else { nobody_else };
+        let sources = if self.led.is_some() { self.leaders.sources() } else { nobody_else };
         let of_side = |side: usize| source_flag::PERSON[side] | source_flag::POLICY[side];
         Some(Target {
             may_be_followed: view.input_fresh && target.robot == model.id(),
