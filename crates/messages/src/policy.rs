@@ -70,13 +70,6 @@ crate::named! {
     }
 }
 
-impl ChunkDrop {
-    /// Returns the reason with this number plus one.
-    pub fn from_code(code: u32) -> Option<Self> {
-        code.checked_sub(1).and_then(|index| Self::ALL.get(index as usize).copied())
-    }
-}
-
 /// Bits of `Joints::known`.
 pub mod joints_flag {
     /// The driver publishes a state: `commanded` and `measured` mean something.

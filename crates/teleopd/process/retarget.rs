@@ -17,8 +17,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let mut targets = core.writer::<JointTarget>(Service::JointTarget).map_err(bus_failure)?;
     let mut chunks = core.reader::<PolicyChunk>(Service::Policy).map_err(bus_failure)?;
     let mut led = core.writer::<JointTarget>(Service::PolicyTarget).map_err(bus_failure)?;
-    let silent_ns = (process.loaded.settings.ingest.authority_timeout_ms * 1e6) as u64;
-    let policy_config = retarget::policy::Config::new(&process.loaded.model, silent_ns);
+    let policy_config = world::policy_config(&process.loaded);
     let (mut policy, mut leads) = (Box::<retarget::policy::State>::default(), false);
 
     let mut state = retarget::State::default();

@@ -10,6 +10,8 @@ mod world;
 
 pub use certify::{CertifiedRow, Uncertified, certify};
 pub use offline::{Offline, OfflineEnd, OfflineReport, PlayedTick, Row};
-pub use stages::{control_config, driver_config, input_config, retarget_config, robot_config, simulated_config};
+pub use stages::{
+    control_config, driver_config, input_config, policy_config, retarget_config, robot_config, simulated_config,
+};
 pub use tamper::{Tamper, Untampered};
 pub use world::{Links, Moment, Running, World, WorldConfig};

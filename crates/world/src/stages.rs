@@ -46,6 +46,11 @@ pub fn retarget_config(loaded: &Loaded) -> Result<retarget::Config, ConfigError>
         .map_err(|error| ConfigError::stage("retarget", error))
 }
 
+/// Returns the configuration of the stage that samples a policy's chunks.
+pub fn policy_config(loaded: &Loaded) -> retarget::policy::Config {
+    retarget::policy::Config::new(&loaded.model, (loaded.settings.ingest.authority_timeout_ms * 1e6) as u64)
+}
+
 /// Returns the configuration of the control tick. Without real-time scheduling (`realtime` false), the stale times
 /// are relaxed by the factor of the settings.
 pub fn control_config(loaded: &Loaded, realtime: bool) -> Result<control::Config, ConfigError> {

@@ -61,7 +61,7 @@ impl WorldConfig {
                 loaded.lifter.clone(),
             ),
             retarget: crate::retarget_config(loaded)?,
-            policy: policy::Config::new(&loaded.model, (loaded.settings.ingest.authority_timeout_ms * 1e6) as u64),
+            policy: crate::policy_config(loaded),
             control: crate::control_config(loaded, true)?,
             robot: simulated_config(loaded, false)?,
             config_hash: loaded.hash,
