@@ -90,6 +90,38 @@ def _no_instance(error, run_dir, what, message):
     )
 
 
+class _Writer:
+    """Writes one message of a new session to a service of the input domain, again and again, and wakes `ingest`."""
+
+    def __init__(self, run_dir, service, message):
+        self._node, run_dir = _node(run_dir)
+        try:
+            data = self._node.service_builder(iceoryx2.ServiceName.new(service)).publish_subscribe(message).open()
+            event = self._node.service_builder(iceoryx2.ServiceName.new(_layout.EVENT_SERVICE)).event().open()
+            publisher = data.publisher_builder().backpressure_strategy(iceoryx2.BackpressureStrategy.DiscardData)
+            self._publisher = publisher.create()
+            self._notifier = event.notifier_builder().create()
+        except Exception as error:
+            raise _no_instance(error, run_dir, "publish", message) from error
+        self.message = message()
+        self.message.session_nonce = random.SystemRandom().getrandbits(64) or 1
+        self.message.header.incarnation = random.SystemRandom().getrandbits(32)
+
+    def send(self, what):
+        """Sends the message, whose header has its stamps; answers its sequence number."""
+        sequence = self.message.header.sequence
+        try:
+            self._publisher.send_copy(self.message)
+            self._notifier.notify()
+        except Exception as error:
+            raise TeleopdError(f"{what} {sequence} was not sent: {type(error).__name__}: {error}") from error
+        return sequence
+
+    def close(self):
+        for port in (self._publisher, self._notifier):
+            port.delete()
+
+
 class SkeletonPublisher:
     """A client of a running daemon, of the same user.
 
@@ -100,22 +132,10 @@ class SkeletonPublisher:
     """
 
     def __init__(self, run_dir=DEFAULT_RUN_DIR, layout=LAYOUT_SMPL22, operator_id=0):
-        self._node, run_dir = _node(run_dir)
-        try:
-            name = iceoryx2.ServiceName.new(_layout.SERVICE)
-            data = self._node.service_builder(name).publish_subscribe(RawSkeleton).open()
-            name = iceoryx2.ServiceName.new(_layout.EVENT_SERVICE)
-            event = self._node.service_builder(name).event().open()
-            publisher = data.publisher_builder().backpressure_strategy(iceoryx2.BackpressureStrategy.DiscardData)
-            self._publisher = publisher.create()
-            self._notifier = event.notifier_builder().create()
-        except Exception as error:
-            raise _no_instance(error, run_dir, "publish", RawSkeleton) from error
-        self._frame = RawSkeleton()
+        self._writer = _Writer(run_dir, _layout.SERVICE, RawSkeleton)
+        self._frame = self._writer.message
         self._frame.layout = layout
         self._frame.operator_id = operator_id
-        self._frame.session_nonce = random.SystemRandom().getrandbits(64)
-        self._frame.header.incarnation = random.SystemRandom().getrandbits(32)
 
     @classmethod
     def or_exit(cls, *arguments, **named):
@@ -163,17 +183,11 @@ class SkeletonPublisher:
         frame.header.sequence += 1
         frame.header.stamp = now
         frame.header.origin = now if seen_ns is None else seen_ns
-        try:
-            self._publisher.send_copy(frame)
-            self._notifier.notify()
-        except Exception as error:
-            raise TeleopdError(f"frame {frame.header.sequence} was not sent: {type(error).__name__}: {error}") from error
-        return frame.header.sequence
+        return self._writer.send("frame")
 
     def close(self):
         """Leaves; the robot stops within 100 ms plus its stop, as at any silence."""
-        for port in (self._publisher, self._notifier):
-            port.delete()
+        self._writer.close()
 
     def __enter__(self):
         return self
@@ -294,24 +308,12 @@ class Policy:
         given = range(len(self.names)) if joints is None else joints
         unknown = [name for name in given if isinstance(name, str) and name not in self.names]
         if unknown:
-            raise ValueError(f"joints: {unknown[0]} is none of {', '.join(self.names)}")
+            raise ValueError(f"joints: the robot has no {unknown[0]}; it has {', '.join(self.names)}")
         self.joints = [self.names.index(joint) if isinstance(joint, str) else int(joint) for joint in given]
         if len(set(self.joints)) != len(self.joints) or not all(0 <= j < len(self.names) for j in self.joints):
             raise ValueError(f"joints: {self.joints}: each once, 0 to {len(self.names) - 1}")
-        self._node, run_dir = _node(run_dir)
-        try:
-            name = iceoryx2.ServiceName.new(_layout.POLICY_SERVICE)
-            data = self._node.service_builder(name).publish_subscribe(PolicyChunk).open()
-            # The service that wakes `ingest`.
-            event = self._node.service_builder(iceoryx2.ServiceName.new(_layout.EVENT_SERVICE)).event().open()
-            publisher = data.publisher_builder().backpressure_strategy(iceoryx2.BackpressureStrategy.DiscardData)
-            self._publisher = publisher.create()
-            self._notifier = event.notifier_builder().create()
-        except Exception as error:
-            raise _no_instance(error, run_dir, "publish", PolicyChunk) from error
-        self._chunk = PolicyChunk()
-        self._chunk.session_nonce = random.SystemRandom().getrandbits(64) or 1
-        self._chunk.header.incarnation = random.SystemRandom().getrandbits(32)
+        self._writer = _Writer(run_dir, _layout.POLICY_SERVICE, PolicyChunk)
+        self._chunk = self._writer.message
         self._state = self._newest = None
 
     def observe(self, within_s=2.0):
@@ -366,12 +368,7 @@ class Policy:
         chunk.header.sequence += 1
         chunk.header.stamp = now
         chunk.header.origin = (observed or self._state).header.stamp
-        try:
-            self._publisher.send_copy(chunk)
-            self._notifier.notify()
-        except Exception as error:
-            raise TeleopdError(f"chunk {chunk.header.sequence} was not sent: {type(error).__name__}: {error}") from error
-        return chunk.header.sequence
+        return self._writer.send("chunk")
 
     def dropped(self):
         """Why the newest chunk was dropped within the last second, or None."""
@@ -389,8 +386,8 @@ class Policy:
 
     def close(self):
         """Leaves; the robot stops where the last chunk ends."""
-        for port in (self._publisher, self._notifier, self._reader):
-            port.close() if isinstance(port, _Reader) else port.delete()
+        self._writer.close()
+        self._reader.close()
 
     def __enter__(self):
         return self
