@@ -16,6 +16,7 @@ import pandas
 import polars
 import pyarrow.parquet
 import teleopd
+from refusals import refused
 
 folder, replay = Path(sys.argv[1]), sys.argv[2]
 work = folder / "datasets"
@@ -27,15 +28,6 @@ first = next(at for at, line in enumerate(text) if line.startswith("Frames:"))
 text[first] = f"Frames: {len(text) - first - 2 - 40}"
 (motions / "more/b.bvh").write_text("\n".join(text[: first + 2] + text[first + 42 :]) + "\n")
 (motions / "bad.bvh").write_text("no motion")
-
-
-def refused(kind, parts, call):
-    try:
-        call()
-    except kind as error:
-        assert all(part in str(error) for part in parts), (str(error), parts)
-    else:
-        raise AssertionError(f"{parts} was not refused")
 
 
 # One bad file stops nothing.

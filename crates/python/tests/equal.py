@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import teleopd
+from refusals import refused
 
 folder, replay = Path(sys.argv[1]), sys.argv[2]
 clip = folder / "in/clip.bvh"
@@ -21,15 +22,6 @@ clip = folder / "in/clip.bvh"
 
 def run(*arguments):
     subprocess.run([replay, *map(str, arguments)], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-
-
-def refused(kind, parts, call):
-    try:
-        call()
-    except kind as error:
-        assert all(part in str(error) for part in parts), (str(error), parts)
-    else:
-        raise AssertionError(f"{parts} was not refused")
 
 
 # Postures.

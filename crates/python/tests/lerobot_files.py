@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import teleopd
+from refusals import refused
 from teleopd import lerobot
 
 folder = Path(sys.argv[1])
@@ -21,15 +22,6 @@ recording = folder / "out.mcap"
 run = [sys.argv[2], folder / "in/clip.bvh", "--offline", folder / "out.csv", "--record", recording]
 subprocess.run(list(map(str, run)), check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 out = folder / "lerobot"
-
-
-def refused(kind, parts, call):
-    try:
-        call()
-    except kind as error:
-        assert all(part in str(error) for part in parts), (str(error), parts)
-    else:
-        raise AssertionError(f"{parts} was not refused")
 
 
 def column(table, name):
