@@ -178,7 +178,7 @@ impl LoadOptions {
 fn rate(text: &str) -> Result<f64, String> {
     let [low, high] = FRAME_RATE_HZ;
     let rate = text.parse().ok().filter(|rate| (low..=high).contains(rate));
-    rate.ok_or_else(|| format!("is no number of frames a second within [{low}, {high}], such as 30"))
+    rate.ok_or_else(|| format!("must be a number of frames a second within [{low}, {high}], such as 30"))
 }
 
 /// Reads a motion file by its extension, like [`load_with`] without options. `.bvh`: any rig. `.npy`: HumanML3D's

@@ -9,8 +9,8 @@ use std::io::{Read, Seek, SeekFrom, Write};
 /// Most numbers in one array: the largest frame count, with frames as wide as those of SMPL-X. Each number
 /// becomes 8 bytes, whatever its type in the file. This bounds the size of an unpacked file.
 pub const ARRAY_VALUES_MAX: usize = crate::FRAMES_MAX * 165;
-/// Numbers that an array of an archive may have, and those for each byte of the archive in addition. Zeros pack to a thousandth
-/// of their length. A measured number packs to a few bytes. Assumption: the numbers of a still person pack to a tenth of that.
+/// Numbers that an array of an archive may have, and those for each byte of the archive in addition. Compression shortens
+/// zeros to a thousandth, and a measured number to a few bytes. Assumption: it shortens a number of a still person to a tenth of that.
 const PACKED_VALUES: [usize; 2] = [1_500_000, 3];
 /// Bytes per read, a multiple of every number's length.
 const CHUNK_BYTES: usize = 1 << 16;

@@ -198,7 +198,7 @@ class _Writer:
             self.writer.close()
         pq.write_table(pa.Table.from_pylist(self.rows), self._place("meta/episodes", 0), compression="snappy")
         pq.write_table(_tasks(self.task), self.out / "meta/tasks.parquet")
-        # Of all frames: quantiles of episodes cannot be joined.
+        # LeRobot wants the quantiles of all frames, and those of episodes cannot be joined.
         statistics = {name: _statistics(np.concatenate(parts)) for name, parts in self.seen.items()}
         (self.out / "meta/stats.json").write_text(json.dumps(statistics, indent=4))
         chunked = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"

@@ -161,8 +161,8 @@ fn near(judge: &Judge<'_>, bodies: &[Capsule], frames: &Frames, pair: [usize; 2]
 
 /// Returns the share of the joints' postures in which two capsules are closer than the clearance.
 fn near_share(model: &Model, a: &Capsule, b: &Capsule, joints: &[usize]) -> f64 {
-    let near = postures(model, joints).filter(|(_, frames)| clearance(frames, a, b) < model.d_min_m).count();
-    near as f64 / POSTURES as f64
+    let closer = postures(model, joints).filter(|(_, frames)| clearance(frames, a, b) < model.d_min_m).count();
+    closer as f64 / POSTURES as f64
 }
 
 /// Returns random postures of these joints. The others are at home.
