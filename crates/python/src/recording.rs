@@ -1,7 +1,7 @@
 //! Recordings as arrays: our own messages, by kind.
 
 use crate::arrays::{array, computed, refused, unread};
-use messages::{JOINTS_MAX, JointCommand, JointTarget, Message, RobotId, RobotState, Skeleton, Status};
+use messages::{JOINTS_MAX, JointCommand, JointTarget, Message, RobotId, RobotState, Skeleton, Status, command_flag};
 use motion::mcap::{Reader, Source};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -107,9 +107,10 @@ fn push(
             table.joints(&robot, &[("positions", &q), ("velocities", &dq)]);
         }
         "commands" => {
-            let JointCommand { robot, k, q, v, a, mode, .. } = decoded(data)?;
+            let JointCommand { robot, k, q, v, a, mode, flags, .. } = decoded(data)?;
             table.integer("k", k);
             table.integer("modes", u64::from(mode));
+            table.integer("sources", u64::from((flags >> command_flag::SOURCES_SHIFT) & 15));
             table.joints(&robot, &[("positions", &q), ("velocities", &v), ("accelerations", &a)]);
         }
         "states" => {

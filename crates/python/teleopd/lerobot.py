@@ -7,9 +7,10 @@ A frame has the first message of each kind in its period, or the newest before i
 - `observation.state`: measured positions, rad or m
 - `action`: commanded positions, which are certified
 - `target`: what the person asked for
-- `person`: positions of SMPL-22, x y z of each joint, m
+- `person`: positions of SMPL-22, x y z of each joint, m, zeros where nobody was seen
 - `mode`: a number of `teleopd.MODES`
-- `source`: number of the person who led, and the command's time in the recording, us since its first message
+- `source`: number of the person who was seen, the command's time in the recording, us since its first message, and who led: the sum of 1 (a
+  person the left arm), 2 (a person the right one), 4 (a policy the left arm) and 8 (a policy the right one)
 
 Stamps are frame / fps, rounded once. Where a recording pauses, an episode ends.
 """
@@ -79,12 +80,15 @@ def _periods(time_ns: NDArray[np.uint64], fps: int) -> NDArray[np.int64]:
 def _frames(recording: Recording, fps: int) -> list[dict[str, NDArray[Any]]]:
     """The episodes of a recording that was read at `fps`: columns by name."""
     messages = recording.messages
-    lacking = [kind for kind in ("states", "commands", "targets", "skeletons") if kind not in messages]
+    lacking = [kind for kind in ("states", "commands", "targets") if kind not in messages]
     if lacking:
-        raise ValueError(f"has no {' and no '.join(lacking)}; record a session in which a person leads the robot")
+        raise ValueError(f"has no {' and no '.join(lacking)}; record a session in which the robot is led")
+    # A policy leads without a person, who may come later.
+    none = {"time_ns": np.zeros(0, np.uint64), "positions": np.zeros((0, 22, 3)), "operator_id": np.zeros(0, np.uint64)}
+    messages = {"skeletons": none, **messages}
     periods = {kind: _periods(messages[kind]["time_ns"], fps) for kind in ("states", "commands", "targets", "skeletons")}
     # The first period is cut short.
-    first, last = max(at[0] for at in periods.values()) + 1, min(periods[kind][-1] for kind in ("states", "commands"))
+    first, last = max(periods[kind][0] for kind in ("states", "commands", "targets")) + 1, min(periods[kind][-1] for kind in ("states", "commands"))
     grid = np.arange(first, last + 1)
     newest = {kind: np.searchsorted(at, grid, side="right") - 1 for kind, at in periods.items()}
     # A frame needs what the robot did and was sent. The person may be away: then the robot holds, and says so by its mode.
@@ -104,14 +108,18 @@ def _frames(recording: Recording, fps: int) -> list[dict[str, NDArray[Any]]]:
                 continue
             at = {kind: indices[start:stop] for kind, indices in newest.items()}
             command_us = (messages["commands"]["time_ns"][at["commands"]].astype(np.int64) - origin_ns) // 1000
-            leader = messages["skeletons"]["operator_id"][at["skeletons"]].astype(np.int64)
+            led_by = messages["commands"]["sources"][at["commands"]].astype(np.int64)
+            seen = at["skeletons"] >= 0
+            person, operator = np.zeros((stop - start, 66), np.float32), np.zeros(stop - start, np.int64)
+            person[seen] = messages["skeletons"]["positions"][at["skeletons"][seen]].reshape(-1, 66)
+            operator[seen] = messages["skeletons"]["operator_id"][at["skeletons"][seen]]
             episodes.append({
                 "observation.state": messages["states"]["measured_positions"][at["states"]].astype(np.float32),
                 "action": messages["commands"]["positions"][at["commands"]].astype(np.float32),
                 "target": messages["targets"]["positions"][at["targets"]].astype(np.float32),
-                "person": messages["skeletons"]["positions"][at["skeletons"]].reshape(stop - start, -1).astype(np.float32),
+                "person": person,
                 "mode": messages["commands"]["modes"][at["commands"]].astype(np.int64),
-                "source": np.stack([leader, command_us], axis=1),
+                "source": np.stack([operator, command_us, led_by], axis=1),
                 "timestamp": (np.arange(stop - start) / fps).astype(np.float32),
                 "frame_index": np.arange(stop - start),
             })
@@ -133,7 +141,7 @@ def _features(robot: Robot) -> dict[str, dict[str, Any]]:
         "observation.state": joints, "action": joints, "target": joints,
         "person": {"dtype": "float32", "shape": [66], "names": person},
         "mode": {"dtype": "int64", **one},
-        "source": {"dtype": "int64", "shape": [2], "names": ["operator_id", "recording_time_us"]},
+        "source": {"dtype": "int64", "shape": [3], "names": ["operator_id", "recording_time_us", "led_by"]},
         "timestamp": {"dtype": "float32", **one},
         **{name: {"dtype": "int64", **one} for name in ("frame_index", "episode_index", "index", "task_index")},
     }

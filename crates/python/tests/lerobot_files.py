@@ -55,6 +55,8 @@ origin_ns = min(int(each["time_ns"][0]) for each in read.messages.values())
 at = np.searchsorted(commands["time_ns"], origin_ns + times * 1000)
 assert np.array_equal(actions, commands["positions"][at].astype(np.float32))
 assert np.array_equal(column(table, "mode")[:half], commands["modes"][at])
+led_by = column(table, "source")[:half, 2]
+assert np.array_equal(led_by, commands["sources"][at]) and set(led_by) == {0, 3}, set(led_by)
 steps = np.diff(commands["k"][at].astype(int))
 assert np.all(steps == 1500 // FPS), np.unique(steps)
 measured = states["measured_positions"][np.searchsorted(states["time_ns"], commands["time_ns"][at])]
