@@ -30,7 +30,7 @@ const NETWORK: &str = "needs a network";
 const ROOT: &str = "needs root. tests/systemd runs the units";
 
 /// Rows by the beginning of the command. The first match applies.
-const ROWS: [(&str, How); 73] = [
+const ROWS: [(&str, How); 75] = [
     ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
     ("cargo run --release -- demo --robot", Ends(DEMO, "")),
     ("cargo run --release -- demo --motion", Ends(DEMO, "--seconds 3")),
@@ -46,6 +46,8 @@ const ROWS: [(&str, How); 73] = [
     ("python3 tools/latency/plot.py latency.json latency.png", Listed("needs matplotlib", "2026-11-30")),
     ("python3 -m teleopd.", Tested("crates/python/tests/all.rs")),
     ("venv/bin/python tools/peer/peer.py", Tested("tests/ros2.rs")),
+    ("venv/bin/pip install ./tools/clients/lerobot", Tested("crates/python/tests/all.rs")),
+    ("venv/bin/lerobot-", Tested("crates/python/tests/all.rs")),
     ("venv/bin/", Tested("tests/clients.rs")),
     ("target/release/replay builtin:calibration", Beside("playing in a loop", 1, AT)),
     ("target/release/teleopctl calibrate", Ends(&[0], "--folder {work} --run-dir {work}/run")),

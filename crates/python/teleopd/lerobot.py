@@ -258,7 +258,9 @@ def export(
         for columns in episodes:
             writer.episode(columns, Path(path).name)
     if writer is None:
-        raise ValueError("; ".join(failed.values()) or "recordings: none given")
+        reasons = list(dict.fromkeys(failed.values()))
+        more = f"; and {len(reasons) - 3} more reasons" if len(reasons) > 3 else ""
+        raise ValueError("; ".join(reasons[:3]) + more if reasons else "recordings: none given")
     writer.finish()
     return Exported(out, len(writer.rows), writer.frames, failed)
 

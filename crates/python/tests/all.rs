@@ -88,6 +88,15 @@ fn lerobot_reloads_the_dataset() {
     run_beside_replay("lerobot_files.py", &["lerobot[dataset]==0.6.1"], &["--reload"]);
 }
 
+/// LeRobot's own programs, with a person, and leading the robot. ACT learns for ten minutes.
+#[test]
+#[ignore = "installs lerobot"]
+fn programs_of_lerobot_and_its_act_lead_the_robot() {
+    let packages = ["lerobot[dataset]==0.6.1", "iceoryx2==0.10.0"];
+    run_beside_replay("lerobot_programs.py", &packages, &[]);
+    run_beside_replay("act_policy.py", &packages, &[]);
+}
+
 #[test]
 fn robots_play_their_trajectories_in_mujoco() {
     run("mujoco_plays.py", &["numpy", "mujoco==4.0.0"], &[]);
