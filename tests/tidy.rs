@@ -65,7 +65,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
 /// For each tool and each crate for tests: the other ones that it may depend on. It may depend on every crate.
 const MAY_USE: &[(&str, &[&str])] = &[
     ("harness", &["teleopd", "wait"]),
-    ("judge", &["collision"]),
+    ("judge", &[]),
     ("fuzz-targets", &["bridge"]),
     ("bridge", &[]),
     ("bundle", &["record", "replay", "teleopd"]),
@@ -73,7 +73,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("chaos", &["harness", "report", "teleopd"]),
     ("collision", &[]),
     ("dist", &["bridge", "latency", "record", "replay"]),
-    ("eval", &["collision", "replay", "report", "train"]),
+    ("eval", &["replay", "report", "train"]),
     ("latency", &["canvas", "harness", "report", "teleopd"]),
     ("record", &["canvas"]),
     ("replay", &["record"]),

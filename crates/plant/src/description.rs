@@ -129,7 +129,7 @@ impl Inertia {
         Self { mass_kg, moment: place * mass_kg, about_origin: own + shift * mass_kg }
     }
 
-    fn add(&mut self, other: &Self) {
+    pub(crate) fn add(&mut self, other: &Self) {
         self.mass_kg += other.mass_kg;
         self.moment += other.moment;
         self.about_origin += other.about_origin;
@@ -188,7 +188,8 @@ impl Body {
         true
     }
 
-    pub(crate) fn add_mass(&mut self, body: usize, place: Vector3<f64>, mass_kg: f64) {
+    /// Adds a point mass at a place (m) in the frame of a body.
+    pub fn add_mass(&mut self, body: usize, place: Vector3<f64>, mass_kg: f64) {
         self.inertias[body].add(&Inertia::at(mass_kg, place, Matrix3::zeros()));
     }
 

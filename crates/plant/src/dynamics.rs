@@ -100,12 +100,29 @@ impl Dynamics {
             let momentum =
                 (carried.about_origin * w + carried.moment.cross(&v), v * carried.mass_kg - carried.moment.cross(&w));
             diagonal[j] = w.dot(&momentum.0) + v.dot(&momentum.1) + self.armature[j];
-            let parent = &mut composite[self.parent[j]];
-            parent.mass_kg += carried.mass_kg;
-            parent.moment += carried.moment;
-            parent.about_origin += carried.about_origin;
+            composite[self.parent[j]].add(&carried);
         }
         (gravity, diagonal)
+    }
+
+    /// Returns the mass matrix of the links alone, kg m^2, kg m or kg, by composite bodies (section 6.2):
+    /// M_jk = S_k . (inertia of all that j carries) S_j for k at or above j.
+    pub fn mass_matrix(&self, posture: &Posture) -> [[f64; JOINTS_MAX]; JOINTS_MAX] {
+        let mut composite = posture.inertia;
+        let mut matrix = [[0.0; JOINTS_MAX]; JOINTS_MAX];
+        for j in (0..self.count).rev() {
+            let carried = composite[j + 1];
+            let force = spatial_inertia(&carried) * posture.subspace[j];
+            let mut body = j + 1;
+            while body > 0 {
+                let k = body - 1;
+                matrix[j][k] = posture.subspace[k].dot(&force);
+                matrix[k][j] = matrix[j][k];
+                body = self.parent[k];
+            }
+            composite[self.parent[j]].add(&carried);
+        }
+        matrix
     }
 
     /// Returns the accelerations of all joints (rad/s^2, m/s^2) at the joint speeds `v` with these drives.

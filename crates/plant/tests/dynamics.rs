@@ -7,8 +7,8 @@ use rand::{RngExt, SeedableRng};
 
 type PerJoint = [f64; JOINTS_MAX];
 
-/// q, v, a, torque with 0.7 kg in each hand, made by Pinocchio for the `collision` tool.
-const INVERSE: &str = include_str!("../../../tools/collision/tests/data/rnea_vectors.txt");
+/// q, v, a, torque with 0.7 kg in each hand, made by Pinocchio.
+const INVERSE: &str = include_str!("data/rnea_vectors.txt");
 /// q, v, torque, a with rotors, made by Pinocchio.
 const FORWARD: [(Texts, &str); 2] =
     [(HANDS, include_str!("data/aba_tiago_dual.txt")), (GRIPPERS, include_str!("data/aba_tiago_dual_pal_gripper.txt"))];
@@ -87,6 +87,33 @@ fn prescribed_acceleration_acts_like_its_torque() {
         }
         let again = dynamics.accelerations(&dynamics.at(&frames), &v, &drives);
         assert!(farthest(&a, &again) < 1e-8, "{n}: {}", farthest(&a, &again));
+    }
+}
+
+/// What a unit acceleration adds to the torques is a column of the mass matrix.
+#[test]
+fn mass_matrix_is_symmetric_and_matches_torques() {
+    let body = body(HANDS);
+    let dynamics = Dynamics::new(&body, [0.0; JOINTS_MAX]);
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(3);
+    for _ in 0..50 {
+        let mut frames = Frames::default();
+        body.forward(&uniform(&body, &mut rng), &mut frames);
+        let (posture, v) = (dynamics.at(&frames), std::array::from_fn(|_| rng.random_range(-2.0..2.0)));
+        let bias = dynamics.torques(&posture, &v, &[0.0; JOINTS_MAX]);
+        let matrix = dynamics.mass_matrix(&posture);
+        for k in 0..JOINTS {
+            let moved = dynamics.torques(&posture, &v, &std::array::from_fn(|j| f64::from(u8::from(j == k))));
+            for j in 0..JOINTS {
+                assert_eq!(matrix[j][k], matrix[k][j]);
+                assert!(
+                    (moved[j] - bias[j] - matrix[j][k]).abs() < 1e-10,
+                    "{j} {k}: {} {}",
+                    moved[j] - bias[j],
+                    matrix[j][k]
+                );
+            }
+        }
     }
 }
 

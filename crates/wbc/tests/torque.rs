@@ -1,9 +1,9 @@
 //! Tests that no motion needs more than its share of the effort limits. Every plan is sampled with the
-//! dynamics of `collision`, which shares no code with this crate.
+//! dynamics of the simulated robot, which share no code with this crate.
 
 use crate::support::{JOINTS, shipped, towards};
-use judge::dynamics::{Dynamics, GRAVITY_M_PER_S2, PerJoint};
 use messages::{ALL_JOINTS, JOINTS_MAX, PayloadRefusal, Stamp};
+use plant::Links;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::{Model, Payload};
@@ -12,27 +12,32 @@ use wbc::{
     Config, Input, JointMotion, Options, Parts, Permit, PlannedMotion, State, certify_torque, overloaded_at_rest, tick,
 };
 
-const URDF: &str = include_str!("../../../config/robots/tiago_dual.urdf");
+/// One value for each joint: rad or m, or N m or N.
+type PerJoint = [f64; JOINTS_MAX];
+
 /// Time between two samples of a plan, s.
 const STEP_S: f64 = 2e-3;
 
-fn urdf() -> urdf_rs::Robot {
-    urdf_rs::read_from_string(URDF).expect("the shipped URDF")
+/// The links with this payload in both hands, by another reader.
+fn links(model: &Model, mass_kg: f64) -> Links {
+    let texts = &model.texts;
+    let (toml, urdf) = ((&*texts.toml_name, &*texts.toml), (&*texts.urdf_name, &*texts.urdf));
+    Links::from_text(toml, urdf, [Some(mass_kg); 2]).expect("the shipped robot")
 }
 
 /// The largest ratio of a torque to its effort limit, with its joint.
-fn share(model: &Model, dynamics: &Dynamics<'_>, q: &PerJoint, v: &PerJoint, a: &PerJoint) -> (f64, usize) {
-    let torques = dynamics.at(q).torques(v, a, GRAVITY_M_PER_S2);
+fn share(model: &Model, links: &Links, q: &PerJoint, v: &PerJoint, a: &PerJoint) -> (f64, usize) {
+    let torques = links.torques(q, v, a);
     let shares = torques.iter().zip(&model.limits).map(|(torque, limits)| torque.abs() / limits.effort_max);
     shares.enumerate().fold((0.0, 0), |most, (j, share)| if share > most.0 { (share, j) } else { most })
 }
 
 /// The largest ratio on the way of a plan.
-fn share_of_plan(model: &Model, dynamics: &Dynamics<'_>, planned: &JointMotion) -> f64 {
+fn share_of_plan(model: &Model, links: &Links, planned: &JointMotion) -> f64 {
     let mut most = 0.0_f64;
     for n in 0..400 {
         let later = planned.advanced(f64::from(n) * STEP_S);
-        most = most.max(share(model, dynamics, &later.q, &later.v, &later.a).0);
+        most = most.max(share(model, links, &later.q, &later.v, &later.a).0);
         if later.is_at_rest() {
             return most;
         }
@@ -43,9 +48,9 @@ fn share_of_plan(model: &Model, dynamics: &Dynamics<'_>, planned: &JointMotion) 
 /// With empty hands, and with a payload of the robot file.
 #[test]
 fn torques_match_another_implementation() {
-    let (model, urdf) = (shipped(), urdf());
+    let model = shipped();
     for mass_kg in [0.0, 0.7] {
-        let dynamics = Dynamics::new(&model, &urdf, &hands(mass_kg)).unwrap();
+        let links = links(&model, mass_kg);
         let mut laden = model.clone();
         laden.payload = payloads(&model, mass_kg).map(Some);
         let config = Config::new(&laden, Options::default()).unwrap();
@@ -55,7 +60,7 @@ fn torques_match_another_implementation() {
             let mut within = |most: f64| std::array::from_fn(|_| rng.random_range(-most..most));
             let (v, a) = (within(2.0), within(10.0));
             let ours = wbc::torques(&config, &q, &v, &a).unwrap();
-            let theirs = dynamics.at(&q).torques(&v, &a, GRAVITY_M_PER_S2);
+            let theirs = links.torques(&q, &v, &a);
             for j in 0..JOINTS {
                 assert!((ours[j] - theirs[j]).abs() < 1e-9, "{}: {} {}", model.joint_names[j], ours[j], theirs[j]);
             }
@@ -81,30 +86,15 @@ struct Run {
     longest_s: f64,
 }
 
-/// Both hands with this payload where they grasp, for the dynamics of `collision`.
-fn hands(mass_kg: f64) -> Vec<judge::dynamics::Payload> {
-    let links = ["hand_left_grasping_frame", "hand_right_grasping_frame"];
-    links.map(|link| judge::dynamics::Payload { link: link.into(), center: nalgebra::Vector3::zeros(), mass_kg }).into()
-}
-
 /// The same payload in the form that the stage uses.
 fn payloads(model: &Model, mass_kg: f64) -> [Payload; 2] {
-    ["hand_left_grasping_frame", "hand_right_grasping_frame"].map(|link| {
-        let (_, pose) = model.link_body(link).expect("a link of the URDF");
-        Payload { mass_kg, center: pose.t }
-    })
+    model.payload.map(|hand| Payload { mass_kg, ..hand.expect("a centre in the robot file") })
 }
 
 /// Follows postures anywhere within the limits or stretched out, each until it is reached or for a moment.
 /// The hands really carry `true_kg`, and the stage uses `reported_kg`.
-fn follow_laden(
-    model: &Model,
-    urdf: &urdf_rs::Robot,
-    options: Options,
-    goals: u32,
-    (true_kg, reported_kg): (f64, f64),
-) -> Run {
-    let dynamics = Dynamics::new(model, urdf, &hands(true_kg)).unwrap();
+fn follow_laden(model: &Model, options: Options, goals: u32, (true_kg, reported_kg): (f64, f64)) -> Run {
+    let links = links(model, true_kg);
     let config = Config::new(model, options).unwrap();
     let mut state = State::at_rest(&config, model.home);
     assert_eq!(state.carry(&config, &payloads(model, reported_kg)), Ok(None), "home can be held");
@@ -126,12 +116,12 @@ fn follow_laden(
             let out = tick(&config, &mut state, Stamp(0), towards(u64::from(run.ticks), &q));
             run.refused += u32::from(out.overloads > 0);
             run.fresh += u32::from(out.on_plan != ALL_JOINTS);
-            run.executed = run.executed.max(share(model, &dynamics, &out.motion.q, &out.motion.v, &out.motion.a).0);
+            run.executed = run.executed.max(share(model, &links, &out.motion.q, &out.motion.v, &out.motion.a).0);
             on_target |= out.on_target;
             let lengths = out.motion.plan.duration_s.iter().map(|phases| phases.iter().sum());
             run.longest_s = lengths.fold(run.longest_s, f64::max);
             if run.ticks % 40 == 0 {
-                run.planned = run.planned.max(share_of_plan(model, &dynamics, state.planned()));
+                run.planned = run.planned.max(share_of_plan(model, &links, state.planned()));
             }
         }
         run.reached += u32::from(on_target);
@@ -140,14 +130,14 @@ fn follow_laden(
     run
 }
 
-fn follow(model: &Model, urdf: &urdf_rs::Robot, options: Options, goals: u32) -> Run {
-    follow_laden(model, urdf, options, goals, (0.0, 0.0))
+fn follow(model: &Model, options: Options, goals: u32) -> Run {
+    follow_laden(model, options, goals, (0.0, 0.0))
 }
 
 #[test]
 fn plans_keep_torque_within_share() {
-    let (model, urdf) = (shipped(), urdf());
-    let run = follow(&model, &urdf, Options::default(), 60);
+    let model = shipped();
+    let run = follow(&model, Options::default(), 60);
     assert!(run.executed <= SHARE + 1e-9 && run.planned <= SHARE + 1e-9, "{run:?}");
     assert!(run.planned > 0.8 * SHARE, "the limits were never near: {run:?}");
     assert!(run.longest_s <= model.stop_time_max_s + 1e-9, "{run:?}");
@@ -157,8 +147,8 @@ fn plans_keep_torque_within_share() {
 
 #[test]
 fn plans_without_torque_proof_overload_motors() {
-    let (model, urdf) = (shipped(), urdf());
-    let run = follow(&model, &urdf, Options::without_torque_for_tests(), 20);
+    let model = shipped();
+    let run = follow(&model, Options::without_torque_for_tests(), 20);
     assert!(run.planned > 1.0, "{run:?}");
 }
 
@@ -236,8 +226,8 @@ fn plan_with_too_much_torque_is_not_certified() {
 
 #[test]
 fn reported_payload_keeps_torque_within_share() {
-    let (model, urdf) = (shipped(), urdf());
-    let run = follow_laden(&model, &urdf, Options::default(), 40, (0.5, 0.5));
+    let model = shipped();
+    let run = follow_laden(&model, Options::default(), 40, (0.5, 0.5));
     assert!(run.executed <= SHARE + 1e-9 && run.planned <= SHARE + 1e-9, "{run:?}");
     assert!(run.planned > 0.8 * SHARE, "the limits were never near: {run:?}");
     assert!(run.longest_s <= model.stop_time_max_s + 1e-9, "{run:?}");
@@ -246,8 +236,8 @@ fn reported_payload_keeps_torque_within_share() {
 
 #[test]
 fn unreported_payload_overloads_motors() {
-    let (model, urdf) = (shipped(), urdf());
-    let run = follow_laden(&model, &urdf, Options::default(), 20, (1.0, 0.0));
+    let model = shipped();
+    let run = follow_laden(&model, Options::default(), 20, (1.0, 0.0));
     assert!(run.planned > 1.0, "{run:?}");
 }
 

@@ -14,7 +14,6 @@ mod robot;
 mod rollout;
 
 pub use attack::{Attack, Attacker};
-pub use collision::dynamics;
 pub use commands::Checker;
 pub use robot::{Robot, Tree, TreeJoint};
 pub use rollout::{Rolled, Rollout, roll};

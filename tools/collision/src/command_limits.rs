@@ -1,12 +1,12 @@
 //! The command `collision limits`.
 
 use crate::robot_texts;
-use collision::dynamics::{Dynamics, Payload};
 use collision::error::CollisionError;
 use collision::limits::{Found, Motion, Sampling, State, Survey};
 use collision::report;
 use nalgebra::Vector3;
-use robot::{Arm, Model, Pose};
+use plant::Body;
+use robot::Model;
 use rt::out;
 use std::path::PathBuf;
 
@@ -42,19 +42,23 @@ impl Limits {
         Ok(())
     }
 
-    /// Returns the masses that the hands carry: where the robot file says, or at the origins of the given links.
-    fn payloads(&self, model: &Model) -> Vec<Payload> {
-        let mass_kg = self.payload_kg;
-        if !self.payload_at.is_empty() {
-            let at_origin = |link: &String| Payload { link: link.clone(), center: Vector3::zeros(), mass_kg };
-            return self.payload_at.iter().map(at_origin).collect();
+    /// Reads the links, and adds what the hands carry: where the robot file says, or at the origins of the given links.
+    fn links(&self, model: &Model) -> Result<Body, CollisionError> {
+        let texts = &model.texts;
+        let mut body = Body::from_text(&texts.toml_name, &texts.toml, &texts.urdf_name, &texts.urdf)?;
+        for link in &self.payload_at {
+            if !body.add_payload(link, self.payload_kg) {
+                let cause = format!("--payload-at {link}: the robot has no such link");
+                return Err(CollisionError::content(&texts.urdf_name, cause));
+            }
         }
-        let hand = |(arm, payload): (&Arm, &Option<robot::Payload>)| {
-            let body = arm.hand_body();
-            let link = model.links().find(|(_, of, pose)| *of == body && **pose == Pose::identity())?.0.to_owned();
-            Some(Payload { link, center: payload.map_or_else(Vector3::zeros, |payload| payload.center), mass_kg })
-        };
-        model.arms.iter().zip(&model.payload).filter_map(hand).collect()
+        if self.payload_at.is_empty() {
+            for (hand, payload) in body.hands.into_iter().zip(&model.payload) {
+                let place = payload.map_or_else(Vector3::zeros, |payload| payload.center);
+                body.add_mass(hand, place, self.payload_kg);
+            }
+        }
+        Ok(body)
     }
 }
 
@@ -65,10 +69,8 @@ pub(crate) fn limits(options: &Limits) -> Result<bool, CollisionError> {
     options.check()?;
     let (toml, urdf) = robot_texts(&options.robot)?;
     let model = Model::from_text(&toml.0, &toml.1, &urdf.0, &urdf.1)?;
-    let parsed = robot::read_urdf(&urdf.0, &urdf.1)?;
-    let dynamics = Dynamics::new(&model, &parsed, &options.payloads(&model))?;
     let sampling = Sampling { states: options.states, seed: options.seed, share: options.share };
-    let survey = Survey { model: &model, dynamics: &dynamics, sampling };
+    let survey = Survey::new(&model, options.links(&model)?, sampling);
     out!("All joints at their limits in force at once, without whole-body control:");
     let _ = surveyed(&survey, &Motion::in_force(&model));
     out!("At rest:");

@@ -12,6 +12,8 @@ pub enum CollisionError {
     Content { file: String, cause: String },
     #[error(transparent)]
     Robot(#[from] robot::RobotError),
+    #[error(transparent)]
+    Links(#[from] plant::PlantError),
 }
 
 impl CollisionError {

@@ -9,7 +9,6 @@ pub mod blocking_pairs;
 pub mod check;
 pub mod content;
 pub mod cover;
-pub mod dynamics;
 pub mod error;
 pub mod first;
 pub mod fit;

@@ -6,11 +6,14 @@
 //! speeds, otherwise it is uniform in the box. Then the results of sampling are climbed. From the worst states
 //! of each joint, the search goes coordinate by coordinate to a local maximum over q and v.
 
-use crate::dynamics::{Dynamics, GRAVITY_M_PER_S2, PerJoint};
 use messages::JOINTS_MAX;
+use plant::{Body, Dynamics, Frames};
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
 use robot::Model;
+
+/// One value for each joint: rad or m, or N m or N, in the fixed joint order.
+pub type PerJoint = [f64; JOINTS_MAX];
 
 /// Number of states of one random stream. Results do not depend on the number of threads.
 const CHUNK: u64 = 1_000;
@@ -75,11 +78,19 @@ pub struct Found {
 
 pub struct Survey<'a> {
     pub model: &'a Model,
-    pub dynamics: &'a Dynamics<'a>,
     pub sampling: Sampling,
+    body: Body,
+    dynamics: Dynamics,
 }
 
-impl Survey<'_> {
+impl<'a> Survey<'a> {
+    /// Creates the survey of a model whose links and loads are those of `body`.
+    pub fn new(model: &'a Model, body: Body, sampling: Sampling) -> Self {
+        // No rotors: their inertia is for the simulated robot alone.
+        let dynamics = Dynamics::new(&body, [0.0; JOINTS_MAX]);
+        Self { model, sampling, body, dynamics }
+    }
+
     /// Returns the effort limit of a joint, N m or N.
     pub fn effort(&self, j: usize) -> f64 {
         self.model.limits[j].effort_max
@@ -87,9 +98,11 @@ impl Survey<'_> {
 
     /// Returns the load of a state on each joint.
     fn states(&self, q: &PerJoint, v: &PerJoint) -> [State; JOINTS_MAX] {
-        let posture = self.dynamics.at(q);
-        let bias = posture.torques(v, &[0.0; JOINTS_MAX], GRAVITY_M_PER_S2);
-        let matrix = posture.mass_matrix();
+        let mut frames = Frames::default();
+        self.body.forward(q, &mut frames);
+        let posture = self.dynamics.at(&frames);
+        let bias = self.dynamics.torques(&posture, v, &[0.0; JOINTS_MAX]);
+        let matrix = self.dynamics.mass_matrix(&posture);
         std::array::from_fn(|j| State { q: *q, v: *v, bias: bias[j].abs(), row: matrix[j].map(f64::abs) })
     }
 

@@ -1,7 +1,6 @@
 //! Formats the output of `collision limits`.
 
-use crate::dynamics::PerJoint;
-use crate::limits::{Found, Motion, State, Survey};
+use crate::limits::{Found, Motion, PerJoint, State, Survey};
 use robot::Model;
 use std::fmt::Write;
 

@@ -4,7 +4,6 @@
 mod command;
 mod containment;
 mod cover;
-mod dynamics;
 mod first;
 mod formats;
 mod limits;

@@ -1,9 +1,9 @@
 //! Limits by torque: the bound over accelerations is exact, sampling is repeatable, and the shipped robots keep
 //! their limits.
 
-use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2};
 use collision::limits::{Motion, Sampling, Survey};
 use messages::JOINTS_MAX;
+use plant::{Body, Links};
 use rand::{RngExt, SeedableRng};
 use robot::Model;
 
@@ -18,8 +18,9 @@ const ROBOTS: [(&str, &str); 2] = [
     ),
 ];
 
-fn load((toml, urdf): (&str, &str)) -> (Model, urdf_rs::Robot) {
-    (Model::from_text("toml", toml, "urdf", urdf).unwrap(), urdf_rs::read_from_string(urdf).unwrap())
+fn load((toml, urdf): (&str, &str)) -> (Model, Body) {
+    let body = Body::from_text("toml", toml, "urdf", urdf).unwrap();
+    (Model::from_text("toml", toml, "urdf", urdf).unwrap(), body)
 }
 
 const SAMPLING: Sampling = Sampling { states: 20_000, seed: 99, share: 0.85 };
@@ -28,9 +29,8 @@ const SAMPLING: Sampling = Sampling { states: 20_000, seed: 99, share: 0.85 };
 #[test]
 fn shipped_robots_can_hold_every_sampled_posture() {
     for texts in ROBOTS {
-        let (model, urdf) = load(texts);
-        let dynamics = Dynamics::new(&model, &urdf, &[]).unwrap();
-        let survey = Survey { model: &model, dynamics: &dynamics, sampling: SAMPLING };
+        let (model, body) = load(texts);
+        let survey = Survey::new(&model, body, SAMPLING);
         let found = survey.pass(&Motion::AT_REST);
         let climbed = survey.climb_all(&found, &Motion::AT_REST);
         for (j, (found, climbed)) in found.iter().zip(&climbed).enumerate() {
@@ -48,23 +48,26 @@ fn shipped_robots_can_hold_every_sampled_posture() {
 /// Some signs of the accelerations reach the bound, and none exceeds it.
 #[test]
 fn torque_bound_over_accelerations_is_reached_never_exceeded() {
-    let (model, urdf) = load(ROBOTS[0]);
-    let dynamics = Dynamics::new(&model, &urdf, &[]).unwrap();
-    let survey = Survey { model: &model, dynamics: &dynamics, sampling: Sampling { states: 300, ..SAMPLING } };
+    let (toml, urdf) = ROBOTS[0];
+    let (model, body) = load(ROBOTS[0]);
+    let links = Links::from_text(("toml", toml), ("urdf", urdf), [Some(0.0); 2]).unwrap();
+    let survey = Survey::new(&model, body, Sampling { states: 300, ..SAMPLING });
     let motion = Motion::in_force(&model);
     let mut rng = rand_pcg::Pcg64::seed_from_u64(5);
     for (j, found) in survey.pass(&motion).iter().enumerate() {
         let state = found.worst[0];
-        let posture = dynamics.at(&state.q);
         let bound = state.torque(&motion.a);
         for _ in 0..50 {
             let a = std::array::from_fn(|k| rng.random_range(-1.0..=1.0) * motion.a[k]);
-            assert!(posture.torques(&state.v, &a, GRAVITY_M_PER_S2)[j].abs() <= bound + 1e-9);
+            assert!(links.torques(&state.q, &state.v, &a)[j].abs() <= bound + 1e-9);
         }
-        let still = posture.torques(&state.v, &[0.0; JOINTS_MAX], GRAVITY_M_PER_S2)[j];
-        let matrix = posture.mass_matrix();
-        let a = std::array::from_fn(|k| motion.a[k] * matrix[j][k].signum() * still.signum());
-        assert!((posture.torques(&state.v, &a, GRAVITY_M_PER_S2)[j].abs() - bound).abs() < 1e-9);
+        let still = links.torques(&state.q, &state.v, &[0.0; JOINTS_MAX])[j];
+        let pushes = |k: usize| {
+            let unit = std::array::from_fn(|other| f64::from(u8::from(other == k)));
+            links.torques(&state.q, &state.v, &unit)[j] - still
+        };
+        let a = std::array::from_fn(|k| motion.a[k] * pushes(k).signum() * still.signum());
+        assert!((links.torques(&state.q, &state.v, &a)[j].abs() - bound).abs() < 1e-9);
         // Climbing never descends, and stays in the box.
         let top = survey.climb(j, &state, &motion);
         assert!(top.torque(&motion.a) >= bound);

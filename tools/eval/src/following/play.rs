@@ -5,10 +5,10 @@ use super::hands::{self, HandError, HandSample};
 use super::person::Person;
 use crate::methods::Posture;
 use client::PlayOptions;
-use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2};
 use config::Loaded;
 use messages::{JointCommand, Mode, Stamp, command_flag, deadline};
 use motion::{CalibrationMode, Motion};
+use plant::Links;
 use robot::Model;
 use rt::{Exit, Failure};
 use std::collections::BTreeMap;
@@ -51,18 +51,15 @@ pub struct Played {
 #[derive(Debug)]
 pub struct Stage<'a> {
     loaded: &'a Loaded,
-    dynamics: Dynamics<'a>,
+    links: Links,
 }
 
 impl<'a> Stage<'a> {
     pub fn new(loaded: &'a Loaded) -> Result<Self, Failure> {
-        // Settings, robot file, URDF: `config` reads them in this order.
-        let urdf = loaded.files.iter().find(|file| file.extension().is_some_and(|extension| extension == "urdf"));
-        let path = urdf.cloned().unwrap_or_default();
-        let masses = |reason: String| Failure::new(Exit::Config, format!("{}: {reason}", path.display()));
-        let urdf = urdf_rs::read_file(&path).map_err(|error| masses(error.to_string()))?;
-        let dynamics = Dynamics::new(&loaded.model, &urdf, &[]).map_err(|error| masses(error.to_string()))?;
-        Ok(Self { loaded, dynamics })
+        let texts = &loaded.model.texts;
+        let files = ((&*texts.toml_name, &*texts.toml), (&*texts.urdf_name, &*texts.urdf));
+        let links = Links::from_text(files.0, files.1, [Some(0.0); 2]).map_err(Failure::with(Exit::Config))?;
+        Ok(Self { loaded, links })
     }
 
     pub fn play(&self, motion: &Motion, calibration: CalibrationMode) -> Result<Played, String> {
@@ -86,7 +83,7 @@ impl<'a> Stage<'a> {
     }
 
     fn torque_share(&self, command: &JointCommand) -> f64 {
-        let torques = self.dynamics.at(&command.q).torques(&command.v, &command.a, GRAVITY_M_PER_S2);
+        let torques = self.links.torques(&command.q, &command.v, &command.a);
         let share = |j: usize| torques[j].abs() / self.loaded.model.limits[j].effort_max;
         self.loaded.model.arms.iter().flat_map(robot::Arm::range).map(share).fold(0.0, f64::max)
     }

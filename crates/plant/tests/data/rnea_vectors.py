@@ -17,7 +17,7 @@ data = model.createData()
 index = [model.joints[model.getJointId(name)].idx_v for name in ORDER]
 rng = numpy.random.default_rng(1)
 print(f"# q, v, a, torque of 17 joints; 0.7 kg in each grasping frame. Pinocchio {pinocchio.__version__}, made by:")
-print("# python3 tools/collision/tests/data/rnea_vectors.py config/robots/tiago_dual.urdf")
+print("# python3 crates/plant/tests/data/rnea_vectors.py config/robots/tiago_dual.urdf")
 for _ in range(20):
     q = rng.uniform(model.lowerPositionLimit, model.upperPositionLimit)
     v = rng.uniform(-2.0, 2.0, model.nv)
