@@ -30,7 +30,7 @@ const NETWORK: &str = "needs a network";
 const ROOT: &str = "needs root. tests/systemd runs the units";
 
 /// Rows by the beginning of the command. The first match applies.
-const ROWS: [(&str, How); 75] = [
+const ROWS: [(&str, How); 72] = [
     ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
     ("cargo run --release -- demo --robot", Ends(DEMO, "")),
     ("cargo run --release -- demo --motion", Ends(DEMO, "--seconds 3")),
@@ -84,10 +84,7 @@ const ROWS: [(&str, How); 75] = [
     ("cargo run --release -p eval -- --human", Listed("compares with solvers for minutes", "2026-11-21")),
     ("cargo run --release -p eval -- --following", Ends(&[0], "")),
     ("cargo run --release -p bridge -- mvn", Tested("tools/bridge/tests/program.rs")),
-    ("cargo run --release -p layouts --example outliers", Listed("wants recordings of cameras", "2026-11-25")),
     ("cargo run --release -p rt --example wake", Listed("wants an idle machine", "2026-11-25")),
-    ("cargo run --release -p wbc --example adversarial", Listed("takes minutes", "2026-11-21")),
-    ("cargo run --release -p safety --example gate_adversary", Listed("takes minutes", "2026-11-21")),
     ("cargo test --release --workspace", Listed("runs this test", "2026-11-29")),
     ("cargo test --release --test system lossy", Listed("needs root, nft(8) and minutes", "2026-11-26")),
     ("cargo doc", Listed(".ci/run makes it, and checks it", "2026-11-28")),

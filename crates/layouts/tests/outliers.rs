@@ -1,9 +1,9 @@
 //! Single outliers are replaced, for one frame. Motion is not, and no error is hidden from the validation.
 
 use crate::client::{CAMERA, PERIOD_NS, as_smpl, bent};
-use crate::salt::{Chance, Errors, OFF, ON, distance_m, filter, motions, spoil};
+use crate::salt::{Chance, Errors, OFF, ON, Places, builtin, distance_m, filter, spoil};
 use layouts::{Noise, NoiseState};
-use messages::{RawSkeleton, SMPL_JOINTS, Stamp};
+use messages::{RawSkeleton, Stamp};
 
 /// Filter without the low-pass. Its output is the input, or the position at which the joint was held.
 const BARE: Noise = Noise { rest_cutoff_hz: 1e12, cutoff_per_m: 0.0, ..ON };
@@ -194,21 +194,19 @@ fn fast_arm_is_no_outlier() {
 }
 
 /// RMS and largest error compared with the filtered clean motion without rejection, m.
-fn errors(noise: &Noise, clean: &[Vec<[[f32; 3]; SMPL_JOINTS]>], noise_m: f32, p: f32) -> Errors {
+fn errors(noise: &Noise, clean: &[Places], noise_m: f32, p: f32) -> Errors {
     let mut errors = Errors::default();
-    for clean in clean {
-        let (expected, got) = (filter(&OFF, clean, 30.0), filter(noise, &spoil(clean, noise_m, p), 30.0));
-        assert_eq!(expected.rejected, 0, "a threshold of zero finds none");
-        for (a, b) in expected.frames.iter().flatten().zip(got.frames.iter().flatten()) {
-            errors.add(distance_m(*a, *b));
-        }
+    let (expected, got) = (filter(&OFF, clean, 30.0), filter(noise, &spoil(clean, noise_m, p), 30.0));
+    assert_eq!(expected.rejected, 0, "a threshold of zero finds none");
+    for (a, b) in expected.frames.iter().flatten().zip(got.frames.iter().flatten()) {
+        errors.add(distance_m(*a, *b));
     }
     errors
 }
 
 #[test]
 fn filter_reduces_outlier_error_and_keeps_noise_level() {
-    let clean = motions(None, 30.0);
+    let clean = builtin(30.0);
     for (noise_m, share) in [(0.0, 0.65), (0.005, 0.9), (0.01, 1.0)] {
         let (off, on) = (errors(&OFF, &clean, noise_m, 0.01), errors(&ON, &clean, noise_m, 0.01));
         assert!(on.rms() < share * off.rms(), "{noise_m}: {} of {}", on.rms(), off.rms());
@@ -218,6 +216,6 @@ fn filter_reduces_outlier_error_and_keeps_noise_level() {
     }
     let (off, on) = (errors(&OFF, &clean, 0.01, 0.03), errors(&ON, &clean, 0.01, 0.03));
     assert!(on.rms() < 0.905 * off.rms(), "{} of {}", on.rms(), off.rms());
-    let accepted = |noise| filter(noise, &spoil(&clean[0], 0.005, 0.02), 30.0).accepted;
+    let accepted = |noise| filter(noise, &spoil(&clean, 0.005, 0.02), 30.0).accepted;
     assert!(accepted(&ON) > accepted(&OFF), "{} of {}", accepted(&ON), accepted(&OFF));
 }

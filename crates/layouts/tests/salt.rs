@@ -1,10 +1,9 @@
 //! Motions as a camera would see them, with noise and with single joints that are far off for one frame, and their
-//! filtered versions. The tests and `examples/outliers.rs` use it.
+//! filtered versions. The tests use it.
 
 use layouts::{Noise, NoiseState};
 use messages::{Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp, skeleton_flag};
 use skeleton::{Config, Input, State, tick};
-use std::path::Path;
 
 /// As in the shipped settings.
 pub const ON: Noise =
@@ -85,20 +84,11 @@ pub fn filter(noise: &Noise, frames: &[Places], rate_hz: f64) -> Filtered {
     Filtered { frames: out, rejected: past.rejected(), accepted }
 }
 
-/// The clips of a folder at this rate. Without a folder, the built-in motion.
-pub fn motions(folder: Option<&Path>, rate_hz: f64) -> Vec<Vec<Places>> {
-    let clips = folder.and_then(|folder| std::fs::read_dir(folder).ok()).map(|entries| {
-        let mut paths: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
-        paths.retain(|path| path.extension().is_some_and(|e| e == "bvh"));
-        paths.sort();
-        paths.iter().map(|path| motion::load(path).expect("a motion")).collect::<Vec<_>>()
-    });
-    let all = clips.unwrap_or_else(|| vec![motion::upsample(&motion::builtin())]);
-    let sampled = all.iter().map(|motion| {
-        let every = (motion.frame_rate_hz / rate_hz).round().max(1.0) as usize;
-        motion.frames.iter().step_by(every).map(|frame| frame.positions).collect()
-    });
-    sampled.collect()
+/// Returns the built-in motion at this rate.
+pub fn builtin(rate_hz: f64) -> Vec<Places> {
+    let motion = motion::upsample(&motion::builtin());
+    let every = (motion.frame_rate_hz / rate_hz).round().max(1.0) as usize;
+    motion.frames.iter().step_by(every).map(|frame| frame.positions).collect()
 }
 
 /// Distance between two positions, m.

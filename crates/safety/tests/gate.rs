@@ -329,30 +329,32 @@ fn f045_self_collision_is_denied_at_command_and_at_rest() {
     assert!(matches!(case(denied, v * T), Verdict::Deny(Denial::ClearanceAtCommand { .. })));
 }
 
+/// `TELEOPD_GATE_ATTACKS` sets more attacks of each kind.
 #[test]
 fn f041_adversarial_steps_break_no_limit() {
+    let attacks = std::env::var("TELEOPD_GATE_ATTACKS").map_or(1, |attacks| attacks.parse().expect("a count"));
     // There are 17 joints each: 1.02e6 joint steps without pairs, 1.7e5 with them.
     for (model, ticks, seed) in [(without_pairs(), 60_000, 1), (model(), 10_000, 2)] {
-        let mut adversary = Adversary::new(&model, seed);
-        for _ in 0..ticks {
-            adversary.step();
-        }
-        let report = &adversary.report;
-        assert!(
-            report.violations.is_empty(),
-            "{} violations, first: {}",
-            report.violations.len(),
-            report.violations[0]
-        );
-        assert!(report.damaged > ticks / 10, "{report:?}");
-        assert_eq!(report.honest_denied, 0, "what the judge finds sound is never denied: {report:?}");
-        if model.pairs.is_empty() {
-            assert!(report.accepted > ticks / 2, "{report:?}");
-        } else {
-            assert!(report.accepted > ticks / 20 && report.clearance > 0, "{report:?}");
-        }
-        println!("{:?}", adversary.report);
+        (0..attacks).for_each(|attack| attack_gate(&model, ticks, seed + 2 * attack));
     }
+}
+
+fn attack_gate(model: &Model, ticks: u64, seed: u64) {
+    let mut adversary = Adversary::new(model, seed);
+    for _ in 0..ticks {
+        adversary.step();
+    }
+    let report = &adversary.report;
+    let violations = report.violations.len();
+    assert_eq!(violations, 0, "seed {seed}: first: {:?}", report.violations.first());
+    assert!(report.damaged > ticks / 10, "{report:?}");
+    assert_eq!(report.honest_denied, 0, "what the judge finds sound is never denied: {report:?}");
+    if model.pairs.is_empty() {
+        assert!(report.accepted > ticks / 2, "{report:?}");
+    } else {
+        assert!(report.accepted > ticks / 20 && report.clearance > 0, "{report:?}");
+    }
+    println!("{report:?}");
 }
 
 #[test]

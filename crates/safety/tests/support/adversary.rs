@@ -32,24 +32,6 @@ pub struct Report {
     pub violations: Vec<String>,
 }
 
-impl Report {
-    /// Adds the result of another attack.
-    pub fn add(&mut self, other: &Self) {
-        for (sum, count) in [
-            (&mut self.ticks, other.ticks),
-            (&mut self.accepted, other.accepted),
-            (&mut self.on_plan, other.on_plan),
-            (&mut self.denied, other.denied),
-            (&mut self.damaged, other.damaged),
-            (&mut self.clearance, other.clearance),
-            (&mut self.honest_denied, other.honest_denied),
-        ] {
-            *sum += count;
-        }
-        self.violations.extend_from_slice(&other.violations);
-    }
-}
-
 pub struct Adversary {
     rng: Pcg64,
     robot: Robot,
