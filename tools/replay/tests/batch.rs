@@ -4,8 +4,8 @@ use clap::Parser;
 use indicatif::ProgressBar;
 use messages::{JOINTS_MAX, LIMBS, Layout, Skeleton, Stamp, skeleton_flag};
 use motion::{CalibrationMode, Motion, builtin, npy::Npz};
-use nalgebra::UnitQuaternion;
-use replay::batch::{Cli, Postures, Summary, run, synthetic};
+use nalgebra::{UnitQuaternion, Vector3};
+use replay::batch::{Cli, Postures, Summary, run};
 use retarget::{ARMS, Limbs, Settings, mirror, xyzw_from_rotation};
 use rt::Shutdown;
 use std::path::{Path, PathBuf};
@@ -55,7 +55,7 @@ fn cli(input: &Path, out: &Path, more: &[&str]) -> Cli {
 }
 
 fn attempt(input: &Path, out: &Path, more: &[&str]) -> Result<Summary, rt::Failure> {
-    run(&cli(input, out, more), input, out, &Shutdown::new(), &ProgressBar::hidden())
+    run(&cli(input, out, more), &Shutdown::new(), &ProgressBar::hidden())
 }
 
 fn go(input: &Path, out: &Path, more: &[&str]) -> Summary {
@@ -138,6 +138,26 @@ fn batch_results_equal_the_live_stage_bit_for_bit() {
 }
 
 /// Far outside the network's training data a clearly better previous posture is kept.
+/// Returns pose `i` of a synthetic motion of both arms at 60 Hz. Every angle of a human arm covers most of its
+/// range. The periods have no common multiple.
+fn synthetic(i: usize) -> [Limbs; ARMS] {
+    let time_s = i as f64 / 60.0;
+    // Middle, half range (degrees) and period (s) of five angles: swing and lowering of the upper arm, its
+    // roll, flexion, pronation.
+    const ANGLES: [[f64; 3]; 5] =
+        [[25.0, 60.0, 3.1], [20.0, 60.0, 4.3], [-10.0, 70.0, 5.9], [70.0, 65.0, 2.3], [0.0, 60.0, 7.1]];
+    std::array::from_fn(|arm| {
+        let phase = arm as f64 * 0.37;
+        let [swing, lower, roll, flex, twist] = ANGLES.map(|[middle, half, period]| {
+            (middle + half * (std::f64::consts::TAU * (time_s / period + phase)).sin()).to_radians()
+        });
+        let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
+        let (x, y, z) = (Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis());
+        let upper = about(z, -swing) * about(x, -lower) * about(y, roll);
+        Limbs { upper, fore: upper * about(z, -flex) * about(y, -twist) }
+    })
+}
+
 #[test]
 fn extreme_poses_give_the_joints_of_the_daemon() {
     const FRAMES: usize = 20_000;
@@ -297,7 +317,7 @@ fn interrupted_run_leaves_no_partial_file_and_resumes() {
             std::thread::sleep(std::time::Duration::from_millis(150));
             shutdown.request();
         });
-        run(&cli, &input, &out, &shutdown, &ProgressBar::hidden()).expect("a summary")
+        run(&cli, &shutdown, &ProgressBar::hidden()).expect("a summary")
     });
     // At any point of interruption, every file with its final name is complete, and nothing else remains.
     for (folder, names) in [(out.clone(), ["a.csv", "manifest.jsonl", "more"]), (out.join("more"), ["b.csv", "", ""])] {
@@ -307,7 +327,7 @@ fn interrupted_run_leaves_no_partial_file_and_resumes() {
         }
     }
     assert_eq!(interrupted.made + usize::from(interrupted.interrupted).max(2 - interrupted.made), 2);
-    let again = run(&cli, &input, &out, &Shutdown::new(), &ProgressBar::hidden()).expect("a summary");
+    let again = run(&cli, &Shutdown::new(), &ProgressBar::hidden()).expect("a summary");
     assert_eq!((again.made + again.finished, again.finished), (2, interrupted.made));
     assert_eq!(rows(&out.join("more/b.csv")).last().map(Vec::len), Some(1 + JOINTS));
 
@@ -318,7 +338,7 @@ fn interrupted_run_leaves_no_partial_file_and_resumes() {
         cli.overwrite = true;
         cli
     };
-    let nothing = run(&overwrite, &input, &out, &stopped, &ProgressBar::hidden()).expect("a summary");
+    let nothing = run(&overwrite, &stopped, &ProgressBar::hidden()).expect("a summary");
     assert!(nothing.interrupted && nothing.made == 0 && nothing.failed.is_empty());
 }
 

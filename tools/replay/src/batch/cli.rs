@@ -27,11 +27,11 @@ pub enum Method {
 #[command(name = "batch", version)]
 pub struct Cli {
     /// Folder of motion files: .bvh, HumanML3D .npy, AMASS .npz.
-    #[arg(long, value_name = "DIR", required_unless_present = "bench")]
-    pub input: Option<PathBuf>,
+    #[arg(long, value_name = "DIR")]
+    pub input: PathBuf,
     /// Output folder of the trajectories.
-    #[arg(long, value_name = "DIR", required_unless_present = "bench")]
-    pub out: Option<PathBuf>,
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
     /// The robot: a name of config/robots, or a robot file.
     #[arg(long, value_name = "NAME|FILE", default_value = "tiago_dual")]
     pub robot: RobotChoice,
@@ -75,10 +75,6 @@ pub struct Cli {
     pub config: PathBuf,
     #[command(flatten)]
     pub load: LoadOptions,
-    /// Instead: time this many synthetic poses of both arms on one core and on all.
-    #[arg(long, value_name = "POSES", num_args = 0..=1, default_missing_value = "1000000",
-        value_parser = clap::value_parser!(u64).range(1000..=1_000_000_000))]
-    pub bench: Option<u64>,
 }
 
 impl Cli {

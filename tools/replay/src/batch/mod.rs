@@ -2,7 +2,6 @@
 //! functions frame by frame. The results do not depend on the number of jobs. The outputs are targets, before
 //! whole-body control and before the safety gate: postures, not a motion. With `--certified` they are the commands after both.
 
-mod bench;
 mod certified;
 mod cli;
 mod manifest;
@@ -10,7 +9,6 @@ mod output;
 mod program;
 mod run;
 
-pub use bench::{BenchReport, bench, synthetic};
 pub use cli::{Cli, Method};
 pub use output::Format;
 pub use poses::postures::Postures;

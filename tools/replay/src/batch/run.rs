@@ -66,13 +66,8 @@ pub(super) struct Shared<'a> {
 
 /// Retargets every motion file of `input` into `out`. A file that fails is listed, and the others are still
 /// processed.
-pub fn run(
-    cli: &Cli,
-    input: &Path,
-    out: &Path,
-    shutdown: &Shutdown,
-    progress: &ProgressBar,
-) -> Result<Summary, Failure> {
+pub fn run(cli: &Cli, shutdown: &Shutdown, progress: &ProgressBar) -> Result<Summary, Failure> {
+    let (input, out) = (cli.input.as_path(), cli.out.as_path());
     let (model, postures) = load(cli)?;
     let refused = |error| Failure::new(Exit::NoInput, poses::error::refused(&error));
     let listing = motion::list(input, cli.recursive).map_err(refused)?;
@@ -112,7 +107,7 @@ pub fn run(
     Ok(summary)
 }
 
-pub(crate) fn load(cli: &Cli) -> Result<(Model, Postures), Failure> {
+fn load(cli: &Cli) -> Result<(Model, Postures), Failure> {
     let refused = Failure::with(Exit::Config);
     let (model, _) = cli.robot.shipped_file().and_then(|file| config::load_model(&file)).map_err(refused)?;
     let weights = match cli.method {
@@ -193,7 +188,7 @@ fn options_sha256(cli: &Cli, model: &Model, settings: Option<u64>) -> Result<Str
 }
 
 /// Runs `count` jobs on `threads` threads. Each thread takes the next job.
-pub(crate) fn in_parallel<T: Send>(threads: usize, count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
+fn in_parallel<T: Send>(threads: usize, count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let pool = ThreadPoolBuilder::new().num_threads(threads.max(1)).build().expect("the system gives threads");
     let mut all: Vec<(usize, T)> = pool.install(|| (0..count).par_bridge().map(|i| (i, job(i))).collect());
     all.sort_unstable_by_key(|&(i, _)| i);
