@@ -1,6 +1,8 @@
-//! Weights in a safetensors file, which a manifest beside it describes.
+//! Weights in a safetensors file, which a manifest beside it describes. Networks are written in 16 bits (binary16 of IEEE 754),
+//! and read in 16 or 32.
 
 use crate::network::Dense;
+use half::f16;
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use sha2::{Digest, Sha256};
@@ -35,7 +37,7 @@ pub enum WeightsError {
     #[error("tensor {name} belongs to no layer")]
     Unknown { name: String },
     /// A tensor has another type or shape than the manifest promises.
-    #[error("tensor {name} is {dtype} {shape:?}, expected F32 {expected:?}")]
+    #[error("tensor {name} is {dtype} {shape:?}, expected F16 or F32 {expected:?}")]
     Shape { name: String, dtype: String, shape: Vec<usize>, expected: Vec<usize> },
     /// The networks do not compute the expected values on this machine.
     #[error(
@@ -107,19 +109,30 @@ pub fn read_tensor(tensors: &SafeTensors<'_>, name: String, expected: &[usize]) 
     let Ok(view) = tensors.tensor(&name) else {
         return Err(WeightsError::Missing { name });
     };
-    if view.dtype() != Dtype::F32 || view.shape() != expected {
-        let (dtype, shape) = (format!("{:?}", view.dtype()), view.shape().to_vec());
-        return Err(WeightsError::Shape { name, dtype, shape, expected: expected.to_vec() });
-    }
-    let (words, _) = view.data().as_chunks::<4>();
-    let values: Vec<f32> = words.iter().map(|word| f32::from_le_bytes(*word)).collect();
+    let values: Vec<f32> = match view.dtype() {
+        Dtype::F16 if view.shape() == expected => {
+            view.data().as_chunks().0.iter().map(|word| f16::from_le_bytes(*word).to_f32()).collect()
+        }
+        Dtype::F32 if view.shape() == expected => {
+            view.data().as_chunks().0.iter().map(|word| f32::from_le_bytes(*word)).collect()
+        }
+        dtype => {
+            let (dtype, shape) = (format!("{dtype:?}"), view.shape().to_vec());
+            return Err(WeightsError::Shape { name, dtype, shape, expected: expected.to_vec() });
+        }
+    };
     match values.iter().position(|value| !value.is_finite()) {
         Some(index) => Err(WeightsError::NotFinite { name, index, value: values[index] }),
         None => Ok(values),
     }
 }
 
-/// Writes named networks as safetensors: layer i of a network is `name.i.weight` and `name.i.bias`.
+/// Rounds a weight to the nearest one that a file of [`write_layers`] holds.
+pub fn rounded(weight: f32) -> f32 {
+    f16::from_f32(weight).to_f32()
+}
+
+/// Writes named networks as safetensors, with weights of 16 bits: layer i of a network is `name.i.weight` and `name.i.bias`.
 ///
 /// # Errors
 /// Returns an error if the numbers of a layer do not fill its shape.
@@ -127,14 +140,15 @@ pub fn write_layers(networks: &[(&str, &[Dense])]) -> Result<Vec<u8>, WriteError
     let mut named = Vec::new();
     for (name, network) in networks {
         for (i, dense) in network.iter().enumerate() {
-            let bytes = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+            let short = |value: &f32| f16::from_f32(*value).to_le_bytes();
+            let bytes = |values: &[f32]| values.iter().flat_map(short).collect::<Vec<u8>>();
             named.push((format!("{name}.{i}.weight"), vec![dense.outputs, dense.inputs], bytes(&dense.weight)));
             named.push((format!("{name}.{i}.bias"), vec![dense.outputs], bytes(&dense.bias)));
         }
     }
     let views = named
         .iter()
-        .map(|(name, shape, data)| Ok((name, TensorView::new(Dtype::F32, shape.clone(), data)?)))
+        .map(|(name, shape, data)| Ok((name, TensorView::new(Dtype::F16, shape.clone(), data)?)))
         .collect::<Result<Vec<_>, safetensors::SafeTensorError>>()?;
     Ok(safetensors::serialize(views, None)?)
 }

@@ -78,7 +78,9 @@ fn write_product(
     trained_on: String,
     calibration: &str,
 ) -> Result<(), Failure> {
-    let networks = session.networks.layers(&session.adam.average);
+    // The figures are those of the weights that the file holds.
+    let average: Vec<f32> = session.adam.average.iter().copied().map(perceptron::rounded).collect();
+    let networks = session.networks.layers(&average);
     let network = Network::new(&networks, &identity.arm);
     let evaluation = evaluate(&identity.arm, &network, &clips.validation, OPTIMUM_STRIDE);
     let mut manifest = Manifest::new(identity, &networks);

@@ -93,7 +93,8 @@ fn written_weights_give_retargeting_the_outputs_of_training() {
     let base = folder.path().join("example.v1");
     let mut run = session(50, 2);
     advance(&mut run, 50);
-    let networks = run.networks.layers(&run.adam.average);
+    let average: Vec<f32> = run.adam.average.iter().copied().map(perceptron::rounded).collect();
+    let networks = run.networks.layers(&average);
     let written = retarget::write_weights(&networks, &Manifest::new(&identity(), &networks));
     let (tensors, manifest) = written.expect("weights can be composed");
     write_both(&base, &tensors, &manifest).expect("weights can be written");
@@ -101,7 +102,7 @@ fn written_weights_give_retargeting_the_outputs_of_training() {
     let bytes = std::fs::read(folder.path().join("example.v1.safetensors")).expect("the tensors are there");
     let weights = Weights::read(&text, &bytes, &identity()).expect("the retargeting takes them");
     let poses = unseen_poses();
-    let postures = retarget(&run.networks, &run.adam.average, &Arm::from(&identity().arm), &poses);
+    let postures = retarget(&run.networks, &average, &Arm::from(&identity().arm), &poses);
     for (pose, ours) in poses.as_flattened().iter().zip(postures.as_flattened()) {
         let [theirs] = weights.network.decode(&weights.network.encode_human(&[features(&limbs(pose))]));
         for (a, b) in ours.iter().zip(theirs) {

@@ -118,9 +118,10 @@ impl Fit {
         (of_left + of_right) / 2.0
     }
 
-    /// The averaged weights so far.
+    /// The averaged weights so far, as a file holds them.
     pub fn layers(&self) -> Vec<Dense> {
-        self.mlp.dense(&self.adam.average)
+        let average: Vec<f32> = self.adam.average.iter().copied().map(perceptron::rounded).collect();
+        self.mlp.dense(&average)
     }
 
     pub fn lifter(&self) -> Lifter {
