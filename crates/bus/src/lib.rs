@@ -9,7 +9,6 @@ mod carried;
 mod domain;
 mod error;
 mod faulty;
-mod local;
 mod payload;
 mod port;
 mod presence;
@@ -21,7 +20,6 @@ pub use carried::{Carried, ReadPort, Unconnected, WritePort};
 pub use domain::{Domain, DomainConfig};
 pub use error::{BusError, PublishError};
 pub use faulty::{FaultCounts, FaultPlan, Faulty};
-pub use local::Channel;
 pub use port::{Latest, Publish};
 pub use reader::{ALSO_MAX, PublisherId, Reader, Sample, Wake, WakingReader};
 pub use shared_memory::{
