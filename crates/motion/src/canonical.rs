@@ -1,6 +1,6 @@
 //! Converts a file's unit and axes to metres, x forward, y left, z up. Guesses them if the format does not say.
 
-use crate::bvh::{Pose, RigFrame};
+use crate::bvh::RigFrame;
 use crate::{Frame, Guesses};
 use messages::Smpl;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -23,6 +23,8 @@ const STANDS_S: f64 = 1.0;
 const ALONG: f64 = 0.87;
 /// Least height over the floor of a lying person's pelvis, and largest height of any part, as shares of the stature. Assumptions.
 const LIES: [f64; 2] = [0.03, 0.35];
+/// Largest height of the ankles of a person who stands on the floor, as a share of the stature. Assumption: three times a foot's.
+const ANKLES: f64 = 0.15;
 
 /// The axis that points up in a format or a file of arrays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,9 +152,10 @@ pub(crate) fn stature_m(frame: &RigFrame) -> f64 {
 
 /// Returns the axis that points up, its name, and a warning if it is a guess.
 ///
-/// The hierarchy's rest pose tells it, if a person stands in it. Some exporters turn the root against it, always. So if the
-/// first frame's pelvis is turned onto another axis, that axis counts, unless the legs still stand along the rest pose's or the
-/// person lies on its floor. Without such a rest pose the first second tells it, and then the whole clip.
+/// The hierarchy's rest pose tells it, if a person stands in it. Some exporters turn the root against it by a quarter, always. So
+/// if the first frame's pelvis is turned onto another axis, that axis counts. It does not if the person begins upside down, if the
+/// legs still stand along the rest pose's axis, or if the person lies over its floor or stands along it more often. Without such a
+/// rest pose the first second tells it, and then the whole clip.
 fn guess_up(
     rest: Option<&RigFrame>,
     frames: &[RigFrame],
@@ -160,20 +163,21 @@ fn guess_up(
 ) -> (Vector3<f64>, &'static str, Option<String>) {
     let rest = rest.filter(|rest| stands(rest)).zip(frames.first());
     let by_rest = rest.and_then(|(rest, first)| {
-        let axis = main_axis(above_ankles(rest, Smpl::Head));
-        let turned = main_axis(first[Smpl::Pelvis as usize].rotation * above_ankles(rest, Smpl::Head));
-        axis.filter(|axis| {
-            turned == Some(*axis)
-                || main_axis(above_ankles(first, Smpl::Pelvis)) == Some(*axis)
-                || lies_on_floor(first, axis)
-        })
-        .or(turned)
+        let axis = main_axis(above_ankles(rest, Smpl::Head))?;
+        let pelvis =
+            |frame: &RigFrame| main_axis(frame[Smpl::Pelvis as usize].rotation * above_ankles(rest, Smpl::Head));
+        let legs = |frame: &RigFrame| main_axis(above_ankles(frame, Smpl::Pelvis));
+        let stands = |axis| sampled(frames).filter(|&frame| [pelvis(frame), legs(frame)] == [Some(axis); 2]).count();
+        let Some(turned) = pelvis(first) else { return Some(axis).filter(|axis| legs(first) == Some(*axis)) };
+        let holds = turned == axis
+            || turned == -axis
+            || legs(first) == Some(axis)
+            || lies(frames, &axis, &turned)
+            || stands(axis) > stands(turned);
+        Some(if holds { axis } else { turned })
     });
     let mean = |frames: &[RigFrame]| {
-        let step = frames.len().div_ceil(UP_SAMPLES).max(1);
-        main_axis(
-            frames.iter().step_by(step).filter_map(|frame| above_ankles(frame, Smpl::Head).try_normalize(1e-9)).sum(),
-        )
+        main_axis(sampled(frames).filter_map(|frame| above_ankles(frame, Smpl::Head).try_normalize(1e-9)).sum())
     };
     let start = &frames[..frames.len().min((STANDS_S * rate_hz).ceil().max(2.0) as usize)];
     let found = by_rest.or_else(|| mean(start)).or_else(|| mean(frames));
@@ -211,11 +215,22 @@ fn stands(rest: &RigFrame) -> bool {
     trunk.dot(&unit(whole)) > ALONG && across.norm() > 0.05 * whole.norm() && unit(across).dot(&trunk).abs() < 0.5
 }
 
-/// Returns true if the pelvis lies a little over the plane through the origin with this normal, and nothing far over or below.
-fn lies_on_floor(frame: &RigFrame, axis: &Vector3<f64>) -> bool {
-    let height = |pose: &Pose| pose.position.dot(axis) / stature_m(frame);
+/// Returns some frames from the whole clip.
+fn sampled(frames: &[RigFrame]) -> impl Iterator<Item = &RigFrame> {
+    frames.iter().step_by(frames.len().div_ceil(UP_SAMPLES).max(1))
+}
+
+/// Returns true if the pelvis begins over the plane through the origin with this normal, and nothing is ever below. The person
+/// also begins low over it, or does not stand on the plane with the normal `turned`.
+fn lies(frames: &[RigFrame], axis: &Vector3<f64>, turned: &Vector3<f64>) -> bool {
+    let first = &frames[0];
+    let height = |position: Vector3<f64>, axis: &Vector3<f64>| position.dot(axis) / stature_m(first);
+    let pelvis = first[Smpl::Pelvis as usize].position;
     let [low, high] = LIES;
-    height(&frame[Smpl::Pelvis as usize]) > low && frame.iter().all(|pose| (-low..high).contains(&height(pose)))
+    height(pelvis, axis) > low
+        && sampled(frames).flatten().all(|pose| height(pose.position, axis) > -low)
+        && (first.iter().all(|pose| height(pose.position, axis) < high)
+            || height(pelvis - above_ankles(first, Smpl::Pelvis), turned).abs() > ANKLES)
 }
 
 /// Returns a rotation (determinant +1) that takes `up` to z. For +Y it is the usual one: +Z forward to x and +X

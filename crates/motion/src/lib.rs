@@ -227,10 +227,12 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
     }
     motion.guesses.warnings.extend(lengths::doubt_of_place(&motion, has_first.into()));
     motion.guesses.warnings.extend(lengths::even(&mut motion.frames));
-    if let Some(begins) = motion.stands_from().filter(|&begins| begins > 0) {
-        let number = begins + usize::from(has_first);
-        motion.guesses.warnings.push(format!("the person stands or sits from frame {number} on: followed from there"));
-    }
+    let lies = match motion.stands_from().map(|begins| begins + usize::from(has_first)) {
+        Some(begins) if begins == usize::from(has_first) => None,
+        Some(begins) => Some(format!("the person stands or sits from frame {begins} on: followed from there")),
+        None => Some("the person stands or sits in no frame: no robot follows".to_owned()),
+    };
+    motion.guesses.warnings.extend(lies);
     motion.guesses.warnings.extend(resample::doubt_of_rate(&motion));
     Ok(motion)
 }

@@ -107,12 +107,25 @@ fn up_axis_does_not_follow_a_person_who_lies_or_bends() {
     ] {
         assert_eq!(parse_bvh(name, text.as_bytes()).expect(name).guesses.up, "+Y", "{name}");
     }
-    // No frame stands: the root lies on the floor, and the rest pose stands along Y.
-    let lines = |pose: &str| format!("{pose}{}\n", " 0".repeat(24)).repeat(3);
+    // The rest pose stands along Y. The person lies on the floor or a bed, is turned by an exporter, has only the root on the floor,
+    // begins upside down, and gets up.
     let rig = include_str!("data/lies.txt");
-    for (up, root) in [("+Y", "0 20 0 90 0 0"), ("+Z", "0 0 100 90 0 0"), ("+Y", "0 100 0 0 0 0")] {
-        let text = format!("{rig}MOTION\nFrames: 3\nFrame Time: 0.02\n{}", lines(root));
-        assert_eq!(parse_bvh(root, text.as_bytes()).expect(root).guesses.up, up, "{root}");
+    let folder = tempfile::tempdir().expect("a folder");
+    for (up, roots, never) in [
+        ("+Y", ["0 20 0 90 0 0"; 3], true),
+        ("+Y", ["0 80 0 -90 0 0"; 3], true),
+        ("+Z", ["0 0 100 90 0 0"; 3], false),
+        ("+Y", ["0 100 0 0 0 0"; 3], false),
+        ("+Y", ["0 100 0 180 0 0"; 3], true),
+        ("+Y", ["0 0 100 90 0 0", "0 100 100 0 0 0", "0 100 100 0 0 0"], false),
+    ] {
+        let lines = roots.map(|root| format!("{root}{}\n", " 0".repeat(24))).concat();
+        let text = format!("{rig}MOTION\nFrames: 3\nFrame Time: 0.02\n{lines}");
+        assert_eq!(parse_bvh(up, text.as_bytes()).expect(up).guesses.up, up, "{roots:?}");
+        let path = folder.path().join("lies.bvh");
+        std::fs::write(&path, &text).expect("written");
+        let warnings = load(&path).expect("a motion").guesses.warnings.join("; ");
+        assert_eq!(warnings.contains("in no frame: no robot follows"), never, "{roots:?}: {warnings}");
     }
 }
 
