@@ -3,9 +3,9 @@
 use crate::{Frame, Motion};
 use messages::{
     HingeCalibration, LIMBS, Layout, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SkeletonLayout, calibration_flag,
-    raw_flag, with_closure,
+    raw_flag, skeleton_flag, with_closure,
 };
-use skeleton::{Calibrator, Hold, limbs_from_positions_rotations};
+use skeleton::{Calibrator, Hold, LimbFrames, limbs_from_positions_rotations};
 
 messages::named! {
     /// Frames from which the hinges are estimated.
@@ -52,21 +52,30 @@ pub fn calibrate(motion: &Motion, mode: CalibrationMode) -> HingeCalibration {
     }
     let mut calibrator = Calibrator::new();
     for frame in motion.frames.iter().take(frames) {
-        calibrator.add(&frame.positions, &frame.rotations, u32::MAX);
+        calibrator.add(&frame.positions, &frame.rotations, frame.seen());
     }
     calibrator.estimate()
 }
 
 /// Returns the four limb rotations of every frame, x y z w, in the order of `messages::Limb`. They are
-/// differences from the T-pose in the torso frame. The code is that of the live stage. A limb without a direction
-/// has the identity.
+/// differences from the T-pose in the torso frame. The code is that of the live stage. A limb that is not seen, or has no
+/// direction, keeps its rotation. Before its first one it has that, and the identity without one.
 pub fn limbs(motion: &Motion, calibration: &HingeCalibration) -> Vec<[[f32; 4]; LIMBS]> {
     let mut hold = Hold::default();
     let limbs = |frame: &Frame| {
         let rotations = motion.has_rotations.then_some(&frame.rotations);
-        limbs_from_positions_rotations(&frame.positions, rotations, calibration, u32::MAX, &mut hold).rotations
+        limbs_from_positions_rotations(&frame.positions, rotations, calibration, frame.seen(), &mut hold)
     };
-    motion.frames.iter().map(limbs).collect()
+    let mut all: Vec<_> = motion.frames.iter().map(limbs).collect();
+    for (limb, flag) in skeleton_flag::LIMB.into_iter().enumerate() {
+        let first = all.iter().find(|frame| frame.flags & flag != 0);
+        let mut kept = first.map_or(LimbFrames::NONE.rotations[limb], |frame| frame.rotations[limb]);
+        for frame in &mut all {
+            kept = if frame.flags & flag != 0 { frame.rotations[limb] } else { kept };
+            frame.rotations[limb] = kept;
+        }
+    }
+    all.into_iter().map(|frame| frame.rotations).collect()
 }
 
 /// Returns frame `i` (modulo the length) as a client publishes it, with full confidence. Header, session nonce

@@ -16,6 +16,18 @@ const ENDS: [Smpl; 8] = [
     Smpl::RightWrist,
 ];
 
+/// Joints from which the limbs are computed.
+const ARMS: [Smpl; 8] = [
+    Smpl::LeftHip,
+    Smpl::RightHip,
+    Smpl::LeftShoulder,
+    Smpl::RightShoulder,
+    Smpl::LeftElbow,
+    Smpl::RightElbow,
+    Smpl::LeftWrist,
+    Smpl::RightWrist,
+];
+
 /// Change of a bone's length up to which it counts as constant: a fifth of what `ingest` refuses.
 const CONSTANT: f32 = 0.01;
 
@@ -26,14 +38,24 @@ const REACH: f64 = 1.5;
 const STEP_M: f64 = 2.0;
 const SPEED_M_PER_S: f64 = 25.0;
 
+/// Returns a sentence on the frames that do not see every joint of trunk and arms. `first` is the file's number of the first frame.
+pub(crate) fn doubt_of_sight(motion: &Motion, first: usize) -> Option<String> {
+    let unseen = |frame: &Frame| ARMS.into_iter().find(|&joint| frame.seen() >> joint as u32 & 1 == 0);
+    let mut all = motion.frames.iter().enumerate().filter_map(|(n, frame)| Some((n + first, unseen(frame)?)));
+    let (n, joint) = all.next()?;
+    let (name, more) = (SMPL_NAMES[joint as usize], all.count());
+    Some(format!("frame {n} and {more} more: {name} or another joint is not seen (0, 0, 0): its limbs are held"))
+}
+
 /// Returns a question about the first joint that is where no person's is. `first` is the file's number of the first frame.
 pub(crate) fn doubt_of_place(motion: &Motion, first: usize) -> Option<String> {
     let apart = |a: [f32; 3], b: [f32; 3]| f64::from((Vector3::from(a) - Vector3::from(b)).norm());
     let step_m = STEP_M.max(SPEED_M_PER_S / motion.frame_rate_hz);
     motion.frames.iter().enumerate().find_map(|(n, Frame { positions, .. })| {
         let moved = apart(positions[0], motion.frames[n.saturating_sub(1)].positions[0]);
-        let out = (1..SMPL_JOINTS).map(|joint| (joint, apart(positions[joint], positions[0])));
-        let place = match out.into_iter().find(|(_, reach)| *reach > REACH * motion.guesses.stature_m) {
+        let seen = (1..SMPL_JOINTS).filter(|joint| motion.frames[n].seen() >> joint & 1 == 1);
+        let out = seen.map(|joint| (joint, apart(positions[joint], positions[0])));
+        let place = match out.clone().find(|(_, reach)| *reach > REACH * motion.guesses.stature_m) {
             _ if moved > step_m => format!("the pelvis moves by {moved:.1} m"),
             Some((joint, reach)) => format!("{} is {reach:.1} m from the pelvis", SMPL_NAMES[joint]),
             None => return None,
@@ -53,12 +75,19 @@ pub(crate) fn even(frames: &mut [Frame]) -> Option<String> {
     let bone = |frame: &Frame, joint: usize| {
         Vector3::from(frame.positions[joint]) - Vector3::from(frame.positions[SMPL_PARENT[joint]])
     };
+    let both = |frame: &Frame, joint: usize| {
+        let ends = 1 << joint | 1 << SMPL_PARENT[joint];
+        frame.seen() & ends == ends
+    };
     let (mut medians, mut worst) = ([None; SMPL_JOINTS], (0.0_f32, 0));
     let mut lengths = Vec::with_capacity(frames.len());
     for joint in ENDS.map(|end| end as usize) {
         lengths.clear();
-        lengths.extend(frames.iter().map(|frame| bone(frame, joint).norm()));
+        lengths.extend(frames.iter().filter(|frame| both(frame, joint)).map(|frame| bone(frame, joint).norm()));
         let middle = lengths.len() / 2;
+        if lengths.is_empty() {
+            continue;
+        }
         let median = *lengths.select_nth_unstable_by(middle, f32::total_cmp).1;
         medians[joint] = Some(median);
         let change = lengths.iter().map(|length| (length - median).abs()).fold(0.0, f32::max) / median.max(1e-6);
@@ -72,7 +101,7 @@ pub(crate) fn even(frames: &mut [Frame]) -> Option<String> {
     }
     for frame in frames {
         let old = *frame;
-        for joint in 1..SMPL_JOINTS {
+        for joint in (1..SMPL_JOINTS).filter(|&joint| both(&old, joint)) {
             let measured = bone(&old, joint);
             // A bone without length has no direction to keep.
             let scaled = medians[joint].and_then(|median| Some(measured.try_normalize(1e-6)? * median));

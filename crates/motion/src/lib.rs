@@ -35,7 +35,7 @@ pub use resample::{loop_blend, mix, resampled, upsample};
 pub use write::{save_bvh, write_bvh};
 
 use canonical::Canonical;
-use messages::SMPL_JOINTS;
+use messages::{SMPL_JOINTS, Smpl};
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
@@ -73,6 +73,11 @@ impl Frame {
     /// Joints at the origin, without rotations or hands.
     pub const ZERO: Self =
         Self { positions: [[0.0; 3]; SMPL_JOINTS], rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS], closure: [None; 2] };
+
+    /// Returns a bit for each joint that is seen. Zeros stand for one that is not, as in live frames. Only the pelvis may be there.
+    pub(crate) fn seen(&self) -> u32 {
+        (0..SMPL_JOINTS).filter(|&joint| joint == 0 || self.positions[joint] != [0.0; 3]).map(|joint| 1 << joint).sum()
+    }
 }
 
 /// Guesses of a reader.
@@ -125,7 +130,9 @@ impl Motion {
 
     /// Number of the first frame in which the person stands or sits: a robot follows from there on. `None` without one.
     pub fn stands_from(&self) -> Option<usize> {
-        self.frames.iter().position(|frame| skeleton::stands(&frame.positions, true) == Some(true))
+        let ankles = 1 << Smpl::LeftAnkle as u32 | 1 << Smpl::RightAnkle as u32;
+        let stands = |frame: &Frame| skeleton::stands(&frame.positions, frame.seen() & ankles == ankles);
+        self.frames.iter().position(|frame| stands(frame) == Some(true))
     }
 
     /// Length, s.
@@ -225,6 +232,7 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
     if resampled > bound {
         return Err(MotionError::TooLong { file: file(), frames, rate_hz, resampled, bound });
     }
+    motion.guesses.warnings.extend(lengths::doubt_of_sight(&motion, has_first.into()));
     motion.guesses.warnings.extend(lengths::doubt_of_place(&motion, has_first.into()));
     motion.guesses.warnings.extend(lengths::even(&mut motion.frames));
     let lies = match motion.stands_from().map(|begins| begins + usize::from(has_first)) {

@@ -54,6 +54,37 @@ fn rate_that_moves_nobody_so_is_asked_for_and_endless_motion_is_refused() {
 }
 
 #[test]
+fn joint_that_is_not_seen_is_named_and_its_limbs_are_held() {
+    let folder = folder();
+    let mut motion = positions_only(short());
+    let whole = motion::limbs(&motion, &motion::calibrate(&motion, motion::CalibrationMode::None));
+    for frame in &mut motion.frames[4..6] {
+        frame.positions[20] = [0.0; 3];
+    }
+    let path = folder.path().join("clip.npy");
+    write_npy(&path, &[motion.frames.len(), 22, 3], &positions_y_up(&motion), Kind::F64);
+    let read = load(&path).expect("a motion");
+    let warning = "frame 4 and 1 more: left_wrist or another joint is not seen (0, 0, 0): its limbs are held";
+    assert!(read.guesses.warnings.iter().any(|own| own == warning), "{:?}", read.guesses.warnings);
+    assert!(!read.guesses.warnings.iter().any(|own| own.contains("lengths")), "{:?}", read.guesses.warnings);
+    let limbs = motion::limbs(&read, &motion::calibrate(&read, motion::CalibrationMode::None));
+    let forearm = messages::Limb::LeftFore as usize;
+    assert_eq!([limbs[4][forearm], limbs[5][forearm]], [limbs[3][forearm]; 2]);
+    assert!(limbs[6][forearm].iter().zip(whole[6][forearm]).all(|(is, was)| (is - was).abs() < 1e-3));
+    let between = motion::mix(&read.frames[3], &read.frames[4], 0.5);
+    assert_eq!(between.positions[20], [0.0; 3], "an unseen joint is not half seen");
+    // A person who stands behind the origin, and whose feet nobody sees, is no mirror image.
+    for frame in &mut motion.frames {
+        frame.positions = frame.positions.map(|[x, y, z]| [x - 3.0, y, z]);
+        for joint in [7, 8, 10, 11] {
+            frame.positions[joint] = [0.0; 3];
+        }
+    }
+    write_npy(&path, &[motion.frames.len(), 22, 3], &positions_y_up(&motion), Kind::F64);
+    assert!(load(&path).is_ok(), "{:?}", load(&path).map(|motion| motion.name));
+}
+
+#[test]
 fn number_that_no_person_has_is_named_with_its_frame_and_joint() {
     let folder = folder();
     let path = folder.path().join("clip.bvh");

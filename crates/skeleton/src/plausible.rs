@@ -68,7 +68,9 @@ pub fn stands(positions: &[[f32; 3]; SMPL_JOINTS], sees_legs: bool) -> Option<bo
 /// Shins that lie on the floor have their front below, so a person who sits on the heels is no mirror image.
 pub fn chirality(positions: &[[f32; 3]; SMPL_JOINTS]) -> Option<Chirality> {
     let at = |joint: Smpl| vector(positions[joint as usize]);
-    let along = |from: Smpl, to: Smpl| unit(at(to) - at(from)).unwrap_or_default();
+    // Zeros stand for a joint that is not seen.
+    let seen = |joint: Smpl| positions[joint as usize] != [0.0; 3];
+    let along = |from: Smpl, to: Smpl| unit(at(to) - at(from)).filter(|_| seen(from) && seen(to)).unwrap_or_default();
     let torso = torso_rotation(positions)?;
     let hips = unit(at(Smpl::LeftHip) - at(Smpl::RightHip))?;
     let mut all = Chirality { sides: hips.dot(&torso.column(1)), ..Chirality::default() };
