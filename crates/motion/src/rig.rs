@@ -99,9 +99,9 @@ impl Named {
     }
 }
 
-/// Names of a rig's joints, the first 40, and the first 40 characters of each.
+/// Names of a rig's joints, the first 40, whole: they are names for a map.
 fn listed(joints: &[Joint]) -> Vec<String> {
-    joints.iter().filter(|joint| !joint.is_end).take(40).map(|joint| joint.name.chars().take(40).collect()).collect()
+    joints.iter().filter(|joint| !joint.is_end).take(40).map(|joint| joint.name.clone()).collect()
 }
 
 /// Finds every SMPL-22 joint. What the user names is not searched.

@@ -66,6 +66,17 @@ impl From<bool> for Exit {
     }
 }
 
+/// Longest text of a failure, characters: 20 lines of a terminal of 80 by 24.
+const SHOWN_MAX: usize = 1600;
+
+/// Returns a text that fits into a terminal and does not control it. A longer one loses its middle, but not its advice.
+fn shown(text: &str) -> String {
+    let clean = |c: char| if c.is_control() && !matches!(c, '\n' | '\t') { '?' } else { c };
+    let all: Vec<char> = text.chars().map(clean).collect();
+    let [begin, end] = [&all[..all.len().min(SHOWN_MAX * 3 / 4)], &all[all.len().saturating_sub(SHOWN_MAX / 4)..]];
+    if all.len() > SHOWN_MAX { [begin, &[' ', '.', '.', '.', ' '], end].concat() } else { all }.into_iter().collect()
+}
+
 /// A message for the user, with the exit code.
 #[derive(Debug, thiserror::Error)]
 #[error("{text}")]
@@ -79,7 +90,7 @@ pub struct Failure {
 impl Failure {
     /// A failure with this code.
     pub fn new(exit: Exit, text: impl std::fmt::Display) -> Self {
-        Self { exit, text: text.to_string() }
+        Self { exit, text: shown(&text.to_string()) }
     }
 
     /// An output file cannot be created or written.
@@ -102,5 +113,19 @@ pub fn finish(program: &str, outcome: Result<impl Into<Exit>, impl Into<Failure>
             err!("{program}: {text}");
             exit.into()
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn failure_of_any_file_fits_into_a_terminal_and_does_not_control_it() {
+        let long =
+            Failure::new(Exit::DataErr, format!("a.csv: \x1b[2J{} is no number; write one", "é".repeat(900_000)));
+        assert!(long.text.starts_with("a.csv: ?[2J") && long.text.ends_with(" is no number; write one"), "{long}");
+        assert!(long.text.chars().count() < 20 * 80 + 10 && long.text.contains("é ... é"), "{long}");
+        assert_eq!(Failure::new(Exit::Usage, "two\n\tlines").text, "two\n\tlines");
     }
 }
