@@ -47,7 +47,7 @@ pub(crate) fn settle(frames: &mut [Frame], mirror: bool) -> Result<(), MirrorErr
         mean = mean.toward(evidence, 1.0 / (n + 1) as f64);
     }
     let Chirality { sides, front, .. } = mean;
-    if sides < 0.0 {
+    if mean.is_swapped() {
         Err(MirrorError::Swapped { sides })
     } else if mean.is_mirrored() && mirror {
         Err(MirrorError::NotMirrored { front: -front })

@@ -159,6 +159,13 @@ fn mirrored_body_or_swapped_names_are_refused() {
     let swapped = write_bvh(&short()).replace("Left", "L#").replace("Right", "Left").replace("L#", "Right");
     let error = parse_bvh("swapped", swapped.as_bytes()).expect_err("swapped sides");
     assert!(matches!(error, BvhError::Mirror(MirrorError::Mirrored { .. })), "{error}");
+    // Hips across whose breadth a camera looks prove nothing.
+    let mut noisy = short();
+    for frame in noisy.frames.iter_mut().chain(noisy.first.as_mut()) {
+        let [x, y, z] = frame.positions[0];
+        [frame.positions[1], frame.positions[2]] = [0.1, -0.1].map(|far| [x + far, y - 0.1 * far, z - 0.05]);
+    }
+    parse_bvh("noisy", write_bvh(&noisy).as_bytes()).expect("a person");
 }
 
 #[test]

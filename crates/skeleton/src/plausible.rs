@@ -15,6 +15,9 @@ const AGAINST: f64 = 0.5;
 /// Least evidence that counts as a whole: two feet that point straight.
 const WEIGHT_MIN: f64 = 2.0;
 
+/// Smallest mean cosine between shoulders and hips. CMU clips: above 0. Swapped sides: -0.9.
+const SIDES_MIN: f64 = -0.3;
+
 /// Evidence of the body about left and right, in one frame or as a mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Chirality {
@@ -38,6 +41,11 @@ impl Chirality {
             front: mix(self.front, other.front),
             weight: mix(self.weight, other.weight),
         }
+    }
+
+    /// Returns true if shoulders and hips disagree on where left is: sides < -0.3.
+    pub fn is_swapped(&self) -> bool {
+        self.sides < SIDES_MIN
     }
 
     /// Returns true if the legs prove a mirror image: front < -0.5 max(weight, 2).

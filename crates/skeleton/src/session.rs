@@ -11,8 +11,6 @@ use messages::{LIMBS, RawSkeleton, SMPL_JOINTS, Smpl, Stamp, comes_after};
 /// Time over which the evidence on left and right is averaged, s. Dancers turn shoulders and feet against the hips
 /// for a moment (CMU 005_16). A mirrored tracker does so always.
 const CHIRALITY_S: f64 = 0.5;
-/// Smallest mean cosine between shoulders and hips. CMU clips: above 0. Swapped sides: -0.9.
-const SIDES_MIN: f64 = -0.3;
 /// Time without a frame after which the evidence on left and right restarts, ns: a period at 20 Hz, and half of
 /// one for jitter. A jump in that time may be a swap of the sides.
 const UNSEEN_NS: u64 = 75_000_000;
@@ -202,7 +200,7 @@ impl Session {
         let share = (since_ns as f64 * 1e-9 / CHIRALITY_S).min(1.0);
         let mean = self.chirality.map_or(now, |was| was.toward(now, share));
         self.chirality = Some(mean);
-        if mean.sides < SIDES_MIN || mean.is_mirrored() { Err(DropReason::Chirality) } else { Ok(()) }
+        if mean.is_swapped() || mean.is_mirrored() { Err(DropReason::Chirality) } else { Ok(()) }
     }
 
     /// Compares with the last frame that was otherwise right. A refused frame does not prove that the tracker
