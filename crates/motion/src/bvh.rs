@@ -80,6 +80,12 @@ pub(crate) fn parse(name: &str, text: &[u8], named: &Named) -> Result<Motion, Bv
     }
     let joints = parse_hierarchy(&mut scan)?;
     let mapping = rig::map(&joints, named)?;
+    scan.expect("MOTION").map_err(|error| match error {
+        BvhError::Unexpected { line, found, .. } if found.eq_ignore_ascii_case("ROOT") => {
+            BvhError::TooMany { line, what: "people (ROOT)", value: 2, bound: 1 }
+        }
+        error => error,
+    })?;
     let (frame_rate_hz, frames, jump) = parse_motion(&mut scan, &joints, &mapping)?;
     let canonical = Canonical::guess(&rest_pose(&joints, &mapping), &frames, frame_rate_hz, joints[0].offset)
         .map_err(|length| BvhError::NoSize { length })?;
@@ -190,7 +196,6 @@ fn parse_channels(scan: &mut Scan<'_>) -> Result<Vec<Channel>, BvhError> {
 type Moved = (f64, Vec<RigFrame>, Option<String>);
 
 fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Result<Moved, BvhError> {
-    scan.expect("MOTION")?;
     scan.expect_label("Frames:")?;
     let line = scan.line();
     let frames = scan.count("Frames", 2, FRAMES_MAX as u64)?;

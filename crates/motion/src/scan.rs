@@ -32,7 +32,7 @@ impl<'a> Scan<'a> {
         while let Some(&byte) = self.text.get(self.at) {
             if byte == b'\n' {
                 self.line += 1;
-            } else if !byte.is_ascii_whitespace() && byte != 0x0b {
+            } else if !is_space(byte) {
                 break;
             }
             self.at += 1;
@@ -43,7 +43,7 @@ impl<'a> Scan<'a> {
     pub(crate) fn word(&mut self) -> Option<&'a [u8]> {
         self.skip_space();
         let rest = &self.text[self.at..];
-        let length = rest.iter().position(|b| b.is_ascii_whitespace()).unwrap_or(rest.len());
+        let length = rest.iter().position(|&byte| is_space(byte)).unwrap_or(rest.len());
         self.at += length;
         (length > 0).then(|| &rest[..length])
     }
@@ -97,7 +97,7 @@ impl<'a> Scan<'a> {
 
     /// Numbers of the lines that follow and their counts of words. Lines without words are left out.
     pub(crate) fn lines(self) -> impl Iterator<Item = (usize, usize)> + Clone {
-        let words = |line: &[u8]| line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).count();
+        let words = |line: &[u8]| line.split(|&byte| is_space(byte)).filter(|word| !word.is_empty()).count();
         let lines = self.text[self.at..].split(|&byte| byte == b'\n').enumerate();
         lines.map(move |(n, line)| (self.line + n, words(line))).filter(|&(_, words)| words > 0)
     }
@@ -130,6 +130,11 @@ impl<'a> Scan<'a> {
             BvhError::NotACount { line: self.line, what, found, low, high }
         })
     }
+}
+
+/// Returns true for white space, and for the bytes that fill a file of a disk or end one of DOS.
+fn is_space(byte: u8) -> bool {
+    byte.is_ascii_whitespace() || matches!(byte, 0 | 0x0b | 0x1a)
 }
 
 /// Returns at most 40 characters of a word. Accepts any bytes.

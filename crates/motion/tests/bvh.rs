@@ -223,7 +223,7 @@ const CHANGES: [(&str, &str, &str); 20] = [
     (SIX, "CHANNELS 0", "a frame has 0 numbers, and a moving root with four limbs at least 18"),
     ("Xposition", "Wposition", "\"Wposition\", expected"),
     ("{", "[", "line 3: "),
-    ("MOTION", "ROOT Other", "\"ROOT\", expected MOTION"),
+    ("MOTION", "ROOT Other", "people (ROOT): 2, at most 1"),
     ("HIERARCHY", "Dear reader,", "line 1: \"Dear\", expected HIERARCHY; the file is damaged, or no BVH"),
 ];
 const SIX: &str = "CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation";
@@ -231,6 +231,8 @@ const SIX: &str = "CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation 
 #[test]
 fn f104_damaged_bvh_error_names_cause() {
     let good = write_bvh(&short());
+    let ended = [good.as_bytes(), b"\x1a\0\0"].concat();
+    assert!(parse_bvh("of DOS, in blocks of a disk", &ended).is_ok());
     let lines: Vec<&str> = good.lines().collect();
     let count = lines.len();
     let whole =
