@@ -32,13 +32,13 @@ pub(crate) fn read(source: impl Read + Seek, options: &LoadOptions) -> Result<Se
     let mut warnings = Vec::new();
     let poses = body_poses(&mut npz)?;
     let count = poses.len() / BODY_COLUMNS;
-    let stored = RATE_KEYS.iter().find_map(|key| npz.read(key).transpose()).transpose()?;
-    let rate = match (options.frame_rate_hz, stored) {
+    let stored = RATE_KEYS.iter().find_map(|key| Some(npz.read(key).transpose()?.map(|array| (key, array))));
+    let rate = match (options.frame_rate_hz, stored.transpose()?) {
         (Some(rate), _) => rate,
-        (None, Some(Array { values, .. })) if values.len() == 1 => values[0],
-        (None, Some(array)) => {
+        (None, Some((_, Array { values, .. }))) if values.len() == 1 => values[0],
+        (None, Some((key, array))) => {
             let error = ArrayError::Shape { found: array.shape, expected: "() one number" };
-            return Err(error.in_key(RATE_KEYS[0]));
+            return Err(error.in_key(key));
         }
         (None, None) => {
             let missing = "mocap_framerate, mocap_frame_rate or fps (--frame-rate HZ replaces it)";

@@ -6,6 +6,7 @@ use crate::npy::{self, Array};
 use crate::{FRAMES_MAX, LoadOptions};
 use messages::SMPL_JOINTS;
 use nalgebra::Vector3;
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -39,8 +40,9 @@ const PARAMETERS: usize = 322;
 /// Meaning of an array, and its number of frames.
 #[derive(Clone, Copy)]
 enum Layout {
-    /// Positions, with the distances in the array of frames, joints and axes.
-    Positions(usize, [usize; 3]),
+    Positions(usize),
+    /// Positions, with the frames in the last dimension.
+    Last(usize),
     Features(usize),
 }
 
@@ -60,37 +62,39 @@ pub(crate) fn read(path: &Path, array: &Array, options: &LoadOptions) -> Result<
         return Err(ArrayError::Parameters);
     }
     let layout = match *squeezed.as_slice() {
-        [joints, 3] if array.shape.len() > 2 && JOINTS.contains(&joints) => Layout::Positions(1, [0, 3, 1]),
-        [frames, joints, 3] if JOINTS.contains(&joints) => Layout::Positions(frames, [3 * joints, 3, 1]),
-        [frames, FLAT] => Layout::Positions(frames, [FLAT, 3, 1]),
-        // As networks return one motion: the frames are last.
-        [SMPL_JOINTS, 3, frames] => Layout::Positions(frames, [1, 3 * frames, frames]),
+        [joints, 3] if array.shape.len() > 2 && JOINTS.contains(&joints) => Layout::Positions(1),
+        [frames, joints, 3] if JOINTS.contains(&joints) => Layout::Positions(frames),
+        [frames, FLAT] => Layout::Positions(frames),
+        // As networks return one motion.
+        [SMPL_JOINTS, 3, frames] => Layout::Last(frames),
         [FEATURES] => Layout::Features(1),
         [frames, FEATURES] => Layout::Features(frames),
         _ => return Err(ArrayError::Shape { found: array.shape.clone(), expected: SHAPES }),
     };
-    let (Layout::Positions(frames, _) | Layout::Features(frames)) = layout;
+    let (Layout::Positions(frames) | Layout::Last(frames) | Layout::Features(frames)) = layout;
     if frames == 0 {
         return Err(ArrayError::Empty { shape: array.shape.clone() });
     }
     if frames > FRAMES_MAX {
         return Err(ArrayError::TooManyFrames { frames, bound: FRAMES_MAX });
     }
-    npy::check_numbers(&array.values, array.values.len() / frames, NUMBER_MAX)?;
+    let values = match layout {
+        Layout::Last(_) => Cow::Owned(npy::row_major(&array.values, &[frames, FLAT])),
+        _ => Cow::Borrowed(&array.values),
+    };
+    let width = values.len() / frames;
+    npy::check_numbers(&values, width, NUMBER_MAX)?;
     match layout {
         // SMPL-24, SMPL-H and SMPL-X are SMPL-22 with hands and a face at the end.
-        Layout::Positions(frames, [by_frame, by_joint, by_axis]) => {
-            let at = |frame: usize, joint: usize, axis: usize| {
-                array.values[frame * by_frame + joint * by_joint + axis * by_axis]
-            };
-            let joint = |frame: usize, joint: usize| Vector3::from_fn(|axis, _| at(frame, joint, axis));
-            let body = |frame: usize| std::array::from_fn(|number| joint(frame, number));
-            Ok(((0..frames).map(body).collect(), Vec::new()))
+        Layout::Positions(_) | Layout::Last(_) => {
+            let joint = |place: &[f64]| Vector3::from_column_slice(place);
+            let body = |frame: &[f64]| std::array::from_fn(|number| joint(&frame[3 * number..3 * number + 3]));
+            Ok((values.chunks_exact(width).map(body).collect(), Vec::new()))
         }
         Layout::Features(_) => {
             let mut warnings = Vec::new();
-            let raw = unnormalised(path, &array.values, options, &mut warnings)?;
-            Ok((recover(raw.as_deref().unwrap_or(&array.values)), warnings))
+            let raw = unnormalised(path, &values, options, &mut warnings)?;
+            Ok((recover(raw.as_deref().unwrap_or(&values)), warnings))
         }
     }
 }

@@ -201,7 +201,7 @@ fn parse_type(descr: &str) -> Result<(Number, bool), ArrayError> {
 }
 
 /// Reorders column-major values (the first dimension fastest) to row-major.
-fn row_major(values: &[f64], shape: &[usize]) -> Vec<f64> {
+pub(crate) fn row_major(values: &[f64], shape: &[usize]) -> Vec<f64> {
     let strides: Vec<usize> = shape.iter().scan(1, |next, &n| Some(std::mem::replace(next, *next * n))).collect();
     let mut index = vec![0; shape.len()];
     let mut out = Vec::with_capacity(values.len());

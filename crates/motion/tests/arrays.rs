@@ -308,6 +308,7 @@ fn amass_file_gives_rotations_of_its_source_motion() {
 fn f104_damaged_array_error_names_file_and_cause() {
     let folder = folder();
     let good = npy_bytes("<f4", false, "(2, 22, 3)", &[0; 528]);
+    let last: Vec<u8> = (0..264).flat_map(|n| if n == 66 { f32::NAN } else { 0.0 }.to_le_bytes()).collect();
     let cases: Vec<(&str, Vec<u8>, &str)> = vec![
         ("empty", vec![], "not a .npy"),
         ("zip", b"PK\x03\x04 and more bytes".to_vec(), "not a .npy"),
@@ -327,6 +328,7 @@ fn f104_damaged_array_error_names_file_and_cause() {
         ("long", npy_raw(&[b' '; 20_000]), "a header of 20000 bytes"),
         ("zeros", good.clone(), "have no length"),
         ("nan", npy_bytes("<f4", false, "(2, 22, 3)", &f32::NAN.to_le_bytes().repeat(132)), "frame 0, number 0: NaN"),
+        ("frames last", npy_bytes("<f4", false, "(22, 3, 4)", &last), "frame 2, number 16: NaN"),
         ("huge", npy_bytes("<f4", false, "(2, 22, 3)", &1e9f32.to_le_bytes().repeat(132)), "is not within"),
     ];
     for (name, bytes, expected) in cases {
@@ -353,6 +355,7 @@ fn f096_f104_damaged_archive_error_names_file_and_cause() {
         ("rateless", vec![("poses", &poses)], "has no mocap_framerate, mocap_frame_rate or fps (--frame-rate HZ"),
         ("slow", vec![("poses", &poses), ("mocap_framerate", &slow)], "frame rate 0.0 Hz"),
         ("text", vec![("poses", &poses), ("mocap_framerate", &text)], "mocap_framerate: numbers of type <U4"),
+        ("many", vec![("poses", &poses), ("fps", &third)], "fps: has shape [3, 3], expected () one number"),
         ("narrow", vec![("poses", &narrow), ("mocap_framerate", &rate)], "poses: has shape [2, 60]"),
         ("bomb", vec![("poses", &bomb)], "poses: shape [33554433, 1] has more than"),
         ("lengths", vec![("poses", &poses), ("trans", &third), ("mocap_framerate", &rate)], "trans: has shape [3, 3]"),
