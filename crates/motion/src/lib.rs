@@ -284,20 +284,23 @@ fn read_humanml3d(name: &str, path: &Path, source: std::fs::File, options: &Load
     if options.frame_rate_hz.is_none() {
         warnings.push(format!("no rate in the file: {frame_rate_hz} Hz, as in HumanML3D (--frame-rate HZ changes it)"));
     }
-    let canonical = Canonical::known(&frames, frame_rate_hz, up).map_err(|length| ArrayError::NoSize { length })?;
-    warnings.extend(canonical.warning.clone());
-    let identity = [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS];
-    let frames = frames.iter().map(|frame| Frame { rotations: identity, ..canonical.apply(frame) }).collect();
-    let guesses = canonical.guesses(warnings);
-    Ok(Motion { name: name.to_owned(), frame_rate_hz, frames, first: None, has_rotations: false, guesses })
+    from_array(name, amass::Sequence { frame_rate_hz, frames, warnings }, up, false)
 }
 
 fn read_amass(name: &str, source: std::fs::File, options: &LoadOptions) -> Result<Motion, ArrayError> {
-    let amass::Sequence { frame_rate_hz, frames, mut warnings } = amass::read(BufReader::new(source), options)?;
-    let canonical = Canonical::known(&frames, frame_rate_hz, options.up.unwrap_or(Up::Z))
-        .map_err(|length| ArrayError::NoSize { length })?;
+    let sequence = amass::read(BufReader::new(source), options)?;
+    from_array(name, sequence, options.up.unwrap_or(Up::Z), true)
+}
+
+/// Returns the motion of an array, whose unit is guessed. Without rotations they are the identity.
+fn from_array(name: &str, sequence: amass::Sequence, up: Up, has_rotations: bool) -> Result<Motion, ArrayError> {
+    let amass::Sequence { frame_rate_hz, frames, mut warnings } = sequence;
+    let canonical = Canonical::known(&frames, frame_rate_hz, up).map_err(|length| ArrayError::NoSize { length })?;
     warnings.extend(canonical.warning.clone());
-    let frames = frames.iter().map(|frame| canonical.apply(frame)).collect();
+    let mut frames: Vec<Frame> = frames.iter().map(|frame| canonical.apply(frame)).collect();
+    if !has_rotations {
+        frames.iter_mut().for_each(|frame| frame.rotations = Frame::ZERO.rotations);
+    }
     let guesses = canonical.guesses(warnings);
-    Ok(Motion { name: name.to_owned(), frame_rate_hz, frames, first: None, has_rotations: true, guesses })
+    Ok(Motion { name: name.to_owned(), frame_rate_hz, frames, first: None, has_rotations, guesses })
 }

@@ -7,30 +7,10 @@ use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use std::fmt::Write;
 use std::path::Path;
 
-const NAMES: [&str; SMPL_JOINTS] = [
-    "Hips",
-    "LeftUpLeg",
-    "RightUpLeg",
-    "Spine",
-    "LeftLeg",
-    "RightLeg",
-    "Spine1",
-    "LeftFoot",
-    "RightFoot",
-    "Spine2",
-    "LeftToe",
-    "RightToe",
-    "Neck",
-    "LeftShoulder",
-    "RightShoulder",
-    "Head",
-    "LeftArm",
-    "RightArm",
-    "LeftForeArm",
-    "RightForeArm",
-    "LeftHand",
-    "RightHand",
-];
+/// Names of the joints of SMPL-22.
+const NAMES: &str = "\
+    Hips LeftUpLeg RightUpLeg Spine LeftLeg RightLeg Spine1 LeftFoot RightFoot Spine2 LeftToe RightToe \
+    Neck LeftShoulder RightShoulder Head LeftArm RightArm LeftForeArm RightForeArm LeftHand RightHand";
 const CHANNELS: &str = "CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation";
 
 /// Saves a motion as BVH.
@@ -74,11 +54,11 @@ fn write_joint(
     order.push(joint);
     let pad = "  ".repeat(depth);
     let kind = if depth == 0 { "ROOT" } else { "JOINT" };
-    let p = locals[joint].0;
+    let (p, name) = (locals[joint].0, NAMES.split(' ').nth(joint).unwrap_or_default());
     let _ = write!(
         text,
-        "{pad}{kind} {}\n{pad}{{\n{pad}  OFFSET {:.6} {:.6} {:.6}\n{pad}  {CHANNELS}\n",
-        NAMES[joint], p.x, p.y, p.z
+        "{pad}{kind} {name}\n{pad}{{\n{pad}  OFFSET {:.6} {:.6} {:.6}\n{pad}  {CHANNELS}\n",
+        p.x, p.y, p.z
     );
     let children: Vec<usize> = (1..SMPL_JOINTS).filter(|&child| SMPL_PARENT[child] == joint).collect();
     for &child in &children {
