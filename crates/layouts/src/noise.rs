@@ -46,7 +46,7 @@ struct Axis {
 }
 
 /// State for one person.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct NoiseState {
     session: (u64, u32, u32),
     origin: Stamp,
@@ -66,22 +66,6 @@ impl NoiseState {
     /// Number of outliers so far. Each one is one joint of one frame.
     pub const fn rejected(&self) -> u64 {
         self.rejected
-    }
-}
-
-impl Default for NoiseState {
-    fn default() -> Self {
-        Self {
-            session: (0, 0, 0),
-            origin: Stamp::NONE,
-            came: [[0.0; 3]; SMPL_JOINTS],
-            left: [[0.0; 3]; SMPL_JOINTS],
-            kept: [[0.0; 3]; SMPL_JOINTS],
-            pasts: [Past::NONE; SMPL_JOINTS],
-            axes: [[Axis::default(); 3]; SMPL_JOINTS],
-            known: 0,
-            rejected: 0,
-        }
     }
 }
 
@@ -127,7 +111,7 @@ impl Noise {
         let known = state.known & (1 << joint) != 0 && step <= self.step_max_m * (period_s * 30.0).max(1.0);
         state.known |= 1 << joint;
         if !known {
-            state.pasts[joint] = Past::NONE;
+            state.pasts[joint] = Past::default();
             state.axes[joint] = place.map(|value| Axis { value, speed: 0.0 });
         }
         let held =

@@ -30,7 +30,7 @@ const PLACES: usize = 4;
 const PERIODS_MAX: f64 = 2.5;
 
 /// A position of a joint, m, and its time.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Place {
     at: Stamp,
     m: [f64; 3],
@@ -55,7 +55,7 @@ fn ahead(places: &[Place], at: Stamp) -> [f64; 3] {
 }
 
 /// State for one joint.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Past {
     /// The last positions, with outliers replaced, the newest first.
     places: [Place; PLACES],
@@ -68,15 +68,6 @@ pub(crate) struct Past {
 }
 
 impl Past {
-    /// State before the first frame.
-    pub(crate) const NONE: Self = Self {
-        places: [Place { at: Stamp::NONE, m: [0.0; 3] }; PLACES],
-        known: 0,
-        residuals: [0.0; WINDOW],
-        judged: 0,
-        held: false,
-    };
-
     /// Returns the position at which the joint is held if the new one is an outlier. `None` if the new one is accepted.
     /// `k` is the bound in deviations. It never holds twice in a row, nor before the window of residuals is full.
     pub(crate) fn hold(&mut self, k: f64, at: Stamp, came: [f64; 3]) -> Option<[f64; 3]> {

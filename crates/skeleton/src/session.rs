@@ -19,7 +19,7 @@ const UNSEEN_NS: u64 = 75_000_000;
 pub(crate) type Doubts = [Option<DropReason>; 2];
 
 /// One operator of one client's session.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Session {
     pub(crate) nonce: u64,
     pub(crate) operator_id: u32,
@@ -53,30 +53,8 @@ pub(crate) struct Session {
 
 impl Session {
     pub(crate) fn new(raw: &RawSkeleton) -> Self {
-        Self {
-            nonce: raw.session_nonce,
-            operator_id: raw.operator_id,
-            incarnation: raw.header.incarnation,
-            sequence: 0,
-            came: 0,
-            numbers: 0,
-            origin: Stamp::NONE,
-            hold: Hold::default(),
-            learnt_hinges: Learnt::default(),
-            previous: None,
-            trunk: Part::default(),
-            arms: [Part::default(); 2],
-            lengths: [0.0; LIMBS],
-            learnt: 0,
-            learning_until: Stamp::NONE,
-            lengths_refused_since: Stamp::NONE,
-            chirality: None,
-            posture_at: Stamp::NONE,
-            upright: false,
-            payload: None,
-            moved: false,
-            frozen_since: Stamp::NONE,
-        }
+        let (nonce, operator_id, incarnation) = (raw.session_nonce, raw.operator_id, raw.header.incarnation);
+        Self { nonce, operator_id, incarnation, ..Self::default() }
     }
 }
 
