@@ -1,32 +1,15 @@
 //! Bones that change their length: estimates of networks, and joints that move. Directions move the robot, lengths do not.
 
 use crate::{Frame, Motion};
-use messages::{SMPL_JOINTS, SMPL_NAMES, SMPL_PARENT, Smpl};
+use messages::{SMPL_JOINTS, SMPL_NAMES, SMPL_PARENT};
 use nalgebra::Vector3;
 
-/// Ends of the bones of arms and legs. In the trunk a rig may have joints between ours, so that their distances change.
-const ENDS: [Smpl; 8] = [
-    Smpl::LeftKnee,
-    Smpl::RightKnee,
-    Smpl::LeftAnkle,
-    Smpl::RightAnkle,
-    Smpl::LeftElbow,
-    Smpl::RightElbow,
-    Smpl::LeftWrist,
-    Smpl::RightWrist,
-];
+/// Ends of the bones of arms and legs: knees, ankles, elbows, wrists. In the trunk a rig may have joints between ours, so that
+/// their distances change.
+const ENDS: [usize; 8] = [4, 5, 7, 8, 18, 19, 20, 21];
 
-/// Joints from which the limbs are computed.
-const ARMS: [Smpl; 8] = [
-    Smpl::LeftHip,
-    Smpl::RightHip,
-    Smpl::LeftShoulder,
-    Smpl::RightShoulder,
-    Smpl::LeftElbow,
-    Smpl::RightElbow,
-    Smpl::LeftWrist,
-    Smpl::RightWrist,
-];
+/// Bits of the joints from which the limbs are computed: hips, shoulders, elbows, wrists.
+const ARMS: u32 = 0b11_1111 << 16 | 0b110;
 
 /// Change of a bone's length up to which it counts as constant: a fifth of what `ingest` refuses.
 const CONSTANT: f32 = 0.01;
@@ -40,10 +23,10 @@ const SPEED_M_PER_S: f64 = 25.0;
 
 /// Returns a sentence on the frames that do not see every joint of trunk and arms. `first` is the file's number of the first frame.
 pub(crate) fn doubt_of_sight(motion: &Motion, first: usize) -> Option<String> {
-    let unseen = |frame: &Frame| ARMS.into_iter().find(|&joint| frame.seen() >> joint as u32 & 1 == 0);
-    let mut all = motion.frames.iter().enumerate().filter_map(|(n, frame)| Some((n + first, unseen(frame)?)));
-    let (n, joint) = all.next()?;
-    let (name, more) = (SMPL_NAMES[joint as usize], all.count());
+    let unseen = motion.frames.iter().map(|frame| ARMS & !frame.seen()).enumerate();
+    let mut unseen = unseen.filter(|(_, joints)| *joints != 0);
+    let (n, joints) = unseen.next()?;
+    let (n, name, more) = (n + first, SMPL_NAMES[joints.trailing_zeros() as usize], unseen.count());
     Some(format!("frame {n} and {more} more: {name} or another joint is not seen (0, 0, 0): its limbs are held"))
 }
 
@@ -81,7 +64,7 @@ pub(crate) fn even(frames: &mut [Frame]) -> Option<String> {
     };
     let (mut medians, mut worst) = ([None; SMPL_JOINTS], (0.0_f32, 0));
     let mut lengths = Vec::with_capacity(frames.len());
-    for joint in ENDS.map(|end| end as usize) {
+    for joint in ENDS {
         lengths.clear();
         lengths.extend(frames.iter().filter(|frame| both(frame, joint)).map(|frame| bone(frame, joint).norm()));
         let middle = lengths.len() / 2;
