@@ -37,7 +37,7 @@ pub struct LinkState {
 const ANSWER_AGE_MAX_NS: u64 = 1_000_000_000;
 
 /// State of the operator's end.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct OperatorEnd {
     client: u64,
     session: u64,
@@ -54,16 +54,7 @@ pub struct OperatorEnd {
 impl OperatorEnd {
     /// Creates the state without a session. `client` is drawn for this start and not zero.
     pub fn new(client: u64) -> Self {
-        Self {
-            client: client.max(1),
-            session: 0,
-            asked: 0,
-            heard: Stamp::NONE,
-            answer: None,
-            stops_heard: 0,
-            exchange: Exchange::default(),
-            refused: Refused::default(),
-        }
+        Self { client: client.max(1), ..Self::default() }
     }
 
     /// Writes a heartbeat and returns its length. Without a session it asks for one. Call it at 50 Hz.

@@ -34,13 +34,13 @@ const BONE_MOVED_MIN: f64 = 0.002;
 /// sign is that of flexion. Forearm: h_w = unit(sum of R_w^T (I - f f^T) R_s h_u). This is the same hinge in the
 /// frame of the hand, R_w, averaged over all frames. So the middle of a person's pronation counts as none, and
 /// both ends stay within a robot's range.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Calibrator {
     arms: [Arm; 2],
     frames: u32,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Arm {
     upper: Vector3<f64>,
     upper_weight: f64,
@@ -55,26 +55,10 @@ struct Arm {
     frames: f64,
 }
 
-impl Default for Calibrator {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Calibrator {
     /// Creates an estimate without frames.
     pub fn new() -> Self {
-        let arm = Arm {
-            upper: Vector3::zeros(),
-            upper_weight: 0.0,
-            bone: [Vector3::zeros(); 2],
-            hand_from_shoulder: Matrix3::zeros(),
-            hand: Vector3::zeros(),
-            samples: 0,
-            flexed: 0.0,
-            frames: 0.0,
-        };
-        Self { arms: [arm; 2], frames: 0 }
+        Self::default()
     }
 
     /// Number of frames added so far.
