@@ -56,18 +56,25 @@ pub enum Taken {
     Person,
 }
 
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Restarts of the sender, as far as its packets show them. A packet that shows a restart is rejected.
+    pub restarts: u64,
+    /// Persons that were not published: without hips, arms or tracking, or with lost packets.
+    pub unfinished: u64,
+}
+
 pub trait Protocol {
     /// Takes a packet, and passes every person that it completes to `publish`. A rejected packet changes no person.
     fn decode(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<Taken, Refused>;
 
-    /// Returns a receiver for another sender. It is in its initial state, except for the count of restarts.
+    /// Returns a receiver for another sender. It is in its initial state, except for its counts.
     fn for_new_sender(&self) -> Self
     where
         Self: Sized;
 
-    /// Returns the number of restarts of the sender, as far as its packets show them. A packet that shows a
-    /// restart is rejected.
-    fn restarts(&self) -> u64;
+    /// Returns what did not become a person.
+    fn counts(&self) -> Counts;
 }
 
 fn empty(layout: SkeletonLayout, joints: usize, flags: u32) -> RawSkeleton {

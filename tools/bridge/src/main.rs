@@ -111,8 +111,9 @@ struct Listener<P> {
 impl<P: Protocol> Listener<P> {
     fn receive(&mut self, sender: SocketAddr, packet: &[u8]) {
         let outcome = self.listen(sender, packet, rt::now());
-        if self.protocol.restarts() != self.restarts {
-            self.restarts = self.protocol.restarts();
+        let restarts = self.protocol.counts().restarts;
+        if restarts != self.restarts {
+            self.restarts = restarts;
             self.session += 1;
             if self.restarts == 1 {
                 out!("bridge: {sender} restarted; further restarts are only counted");
@@ -180,6 +181,10 @@ impl<P: Protocol> Listener<P> {
 
     fn summary(&self) -> String {
         let mut text = format!("bridge: {} frames, {} not accepted", self.published, self.failed);
+        let unfinished = self.protocol.counts().unfinished;
+        if unfinished > 0 {
+            text += &format!("; {unfinished} without hips, arms, tracking or a packet");
+        }
         if self.restarts > 0 {
             text += &format!("; senders restarted {} times", self.restarts);
         }

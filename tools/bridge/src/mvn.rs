@@ -5,7 +5,7 @@
 //! segments, u8 props, u8 finger segments, u16 reserved, u16 length of the items. An item is u32 segment id, 3 f32
 //! position (m), 4 f32 quaternion w x y z. (Xsens, MVN Real-time Network Streaming Protocol Specification.)
 
-use crate::{Protocol, Refused, Taken, empty};
+use crate::{Counts, Protocol, Refused, Taken, empty};
 use messages::{RawSkeleton, SkeletonLayout, raw_flag};
 
 const HEADER: usize = 24;
@@ -26,7 +26,7 @@ pub struct Mvn {
     /// Bit i: segment i + 1 has arrived.
     seen: u32,
     frame: RawSkeleton,
-    restarts: u64,
+    counts: Counts,
 }
 
 impl Mvn {
@@ -34,7 +34,7 @@ impl Mvn {
     pub fn new(asked: Option<u8>) -> Self {
         let mut frame = empty(SkeletonLayout::XsensMvn23, SEGMENTS, raw_flag::ROTATIONS);
         frame.confidence[..SEGMENTS].fill(1.0);
-        Self { asked, character: asked, sample: None, seen: 0, frame, restarts: 0 }
+        Self { asked, character: asked, sample: None, seen: 0, frame, counts: Counts::default() }
     }
 
     /// Returns an error if the packet's sample is old. A new sample begins without any segments.
@@ -48,10 +48,11 @@ impl Mvn {
             if last.wrapping_sub(sample) >= BEGAN_ANEW {
                 // Later samples belong to another session.
                 (self.sample, self.seen, self.character) = (None, 0, self.asked);
-                self.restarts += 1;
+                self.counts.restarts += 1;
             }
             return Err(Refused::Late);
         }
+        self.counts.unfinished += u64::from(![0, ALL].contains(&self.seen));
         (self.sample, self.seen) = (Some(sample), 0);
         Ok(())
     }
@@ -110,11 +111,11 @@ impl Protocol for Mvn {
     }
 
     fn for_new_sender(&self) -> Self {
-        Self { restarts: self.restarts, ..Self::new(self.asked) }
+        Self { counts: self.counts, ..Self::new(self.asked) }
     }
 
-    fn restarts(&self) -> u64 {
-        self.restarts
+    fn counts(&self) -> Counts {
+        self.counts
     }
 }
 
@@ -184,6 +185,9 @@ mod tests {
             let (outcome, frames) = take(&mut mvn, &parts[order[1]]);
             assert_eq!((outcome, frames), (Ok(Taken::Person), vec![frame]));
         }
+        let mut mvn = Mvn::new(None);
+        assert!(take(&mut mvn, &packet(6, 0, 0, &more[..10])).1.is_empty());
+        assert_eq!((take(&mut mvn, &whole).1, mvn.counts().unfinished), (vec![frame], 1), "after a lost packet");
     }
 
     #[test]
@@ -232,7 +236,7 @@ mod tests {
             (1, 1, 1),
         ] {
             let (_, made) = take(&mut mvn, &packet(sample, 0x80, 0, &items));
-            assert_eq!((made.len(), mvn.restarts()), (frames, restarts), "{sample}");
+            assert_eq!((made.len(), mvn.counts().restarts), (frames, restarts), "{sample}");
         }
     }
 
@@ -269,7 +273,7 @@ mod tests {
         assert_eq!(take(&mut mvn, &packet(9000, 0x80, 2, &items)).1.len(), 1);
         assert_eq!(take(&mut mvn, &packet(1, 0x80, 2, &items)).0, Err(Refused::Late));
         assert_eq!(take(&mut mvn, &packet(2, 0x80, 5, &items)).1.len(), 1);
-        assert_eq!(mvn.for_new_sender().restarts(), 1);
+        assert_eq!(mvn.for_new_sender().counts().restarts, 1);
         let mut asked = Mvn::new(Some(3)).for_new_sender();
         assert_eq!(take(&mut asked, &packet(1, 0x80, 2, &items)).0, Err(Refused::Character));
         assert_eq!(take(&mut asked, &packet(1, 0x80, 3, &items)).1.len(), 1);

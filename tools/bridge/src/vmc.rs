@@ -7,7 +7,7 @@
 //! A bone is not seen if it does not arrive, or has NaN or a quaternion of zeros. So is an arm whose bones are all the
 //! identity, which is the rest pose, after they were not. Such an arm is held, and other bones keep their rotation.
 
-use crate::{Protocol, Refused, Taken, empty};
+use crate::{Counts, Protocol, Refused, Taken, empty};
 use messages::{RawSkeleton, SkeletonLayout, raw_flag};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 use rosc::{OscMessage, OscPacket, OscType};
@@ -46,6 +46,8 @@ const ARMS: [[usize; 3]; 2] = [[13, 15, 17], [14, 16, 18]];
 const ARM_BITS: u64 = 0b1111 << 13;
 /// States of calibration in which a sender waits for a pose or measures it. Its bones then rest.
 const CALIBRATES: [f32; 2] = [1.0, 2.0];
+/// Least step back of the time at a restart, s. Assumption: no network holds a packet for so long.
+const ANEW_S: f32 = 1.0;
 /// Names of the values of a transform.
 const VALUES: [&str; 7] = ["p.x", "p.y", "p.z", "q.x", "q.y", "q.z", "q.w"];
 
@@ -68,7 +70,7 @@ pub struct Vmc {
     /// True for each arm that was away from the rest pose.
     moved: [bool; 2],
     time: Option<f32>,
-    restarts: u64,
+    counts: Counts,
 }
 
 impl Vmc {
@@ -76,7 +78,7 @@ impl Vmc {
         let mut frame = empty(SkeletonLayout::UnityHumanoid, COUNT, raw_flag::ROTATIONS | raw_flag::LOCAL);
         frame.rotations[..COUNT].fill([0.0, 0.0, 0.0, 1.0]);
         let (root, hips) = (Transform::identity(), Transform::identity());
-        Self { root, hips, seen: 0, frame, absent: false, moved: [false; 2], time: None, restarts: 0 }
+        Self { root, hips, seen: 0, frame, absent: false, moved: [false; 2], time: None, counts: Counts::default() }
     }
 
     fn message(&mut self, message: &OscMessage, publish: &mut dyn FnMut(&RawSkeleton)) -> Result<(), Refused> {
@@ -99,10 +101,15 @@ impl Vmc {
             }
             TIME => {
                 let time = value(TIME, "", "the time", message.args.first())?;
-                // Time since the sender's start. A smaller value indicates a restart.
-                if self.time.replace(time).is_some_and(|before| time < before) {
-                    // Later frames belong to another session.
-                    self.restarts += 1;
+                // Time since the sender's start. A much smaller value indicates a restart, a smaller one packets out of order.
+                let before = self.time.filter(|before| time < *before);
+                if before.is_none_or(|before| time < before - ANEW_S) {
+                    self.time = Some(time);
+                }
+                if before.is_some() {
+                    // Frames after a restart belong to another session.
+                    self.counts.restarts += u64::from(self.time == Some(time));
+                    self.counts.unfinished += u64::from(self.seen != 0);
                     self.seen = 0;
                     return Err(Refused::Late);
                 }
@@ -126,6 +133,7 @@ impl Vmc {
     fn complete(&mut self, publish: &mut dyn FnMut(&RawSkeleton)) {
         let seen = std::mem::take(&mut self.seen);
         if self.absent || seen & 1 << HIPS == 0 || seen & ARM_BITS == 0 {
+            self.counts.unfinished += u64::from(seen != 0);
             return;
         }
         let Transform { translation, rotation } = self.root * self.hips;
@@ -173,11 +181,11 @@ impl Protocol for Vmc {
     }
 
     fn for_new_sender(&self) -> Self {
-        Self { restarts: self.restarts, ..Self::new() }
+        Self { counts: self.counts, ..Self::new() }
     }
 
-    fn restarts(&self) -> u64 {
-        self.restarts
+    fn counts(&self) -> Counts {
+        self.counts
     }
 }
 
@@ -385,9 +393,12 @@ mod tests {
         assert_eq!(take(&mut vmc, &bytes(all)).1.len(), 1);
         let hips = vec![bone("/VMC/Ext/Bone/Pos", "Hips", STILL), message("/VMC/Ext/T", vec![OscType::Float(4.0)])];
         assert_eq!(take(&mut vmc, &bytes(hips)).1.len(), 0, "hips alone");
-        assert_eq!(vmc.restarts(), 0);
+        assert_eq!((vmc.counts().restarts, vmc.counts().unfinished), (0, 2));
+        assert_eq!(take(&mut vmc, &bytes(body(3.9))), (Err(Refused::Late), vec![]), "out of order");
+        assert_eq!(take(&mut vmc, &bytes(body(4.1))).1.len(), 1, "and no older frame in between");
+        assert_eq!((vmc.counts().restarts, vmc.counts().unfinished), (0, 3));
         assert_eq!(take(&mut vmc, &bytes(body(0.5))), (Err(Refused::Late), vec![]));
-        assert_eq!(vmc.restarts(), 1, "the time began again");
+        assert_eq!(vmc.counts().restarts, 1, "the time began again");
         assert_eq!(take(&mut vmc, &bytes(body(0.6))).1.len(), 1);
     }
 
