@@ -3,7 +3,7 @@
 use crate::error::PosesError;
 use crate::motions::sway_all;
 use crate::person::{standing, with_limbs};
-use motion::{CalibrationMode, Frame, Motion};
+use motion::{CalibrationMode, FRAMES_MAX, Frame, Motion};
 use retarget::contact::{Correction, Memory, PersonGeometry, Proportions};
 use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, oracle, refine};
 use robot::Model;
@@ -16,6 +16,8 @@ pub struct Trajectory {
     pub joint_names: [[String; ARM_Q]; ARMS],
     /// Rows per second.
     pub rate_hz: f64,
+    /// True if the file has other rows, and these were interpolated.
+    pub is_resampled: bool,
     /// Rows: joint positions of the left and of the right arm, rad. They are the robot's own, not those of a right arm
     /// that is taken as the left one.
     pub q: Vec<[ArmQ; ARMS]>,
@@ -61,7 +63,7 @@ pub fn ground_truth_touching(model: &Model, motion: &Motion, weight: f64) -> Tra
         own_positions(model, &previous)
     });
     let q = rows.collect();
-    Trajectory { joint_names: joint_names(model), rate_hz: motion.frame_rate_hz, q }
+    Trajectory { joint_names: joint_names(model), rate_hz: motion.frame_rate_hz, is_resampled: false, q }
 }
 
 /// Converts joint positions between those of both arms taken as left arms and the robot's own. It is its own inverse.
@@ -75,8 +77,7 @@ fn best(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
     if near.s_gr <= optimum.s_gr + CONTINUE_COST { near.q } else { optimum.q }
 }
 
-/// Largest number of rows, as read or at 60 Hz: 11 minutes at 1500 Hz, hours at 60. The person of each row
-/// takes 0.6 kB.
+/// Largest number of rows that are read: 11 minutes at 1500 Hz. Each one that is played is a frame of motion.
 const ROWS_MAX: usize = 1_000_000;
 /// Largest file that is read, bytes.
 const FILE_BYTES_MAX: u64 = 1 << 30;
@@ -144,17 +145,17 @@ fn parse_csv(text: &str, model: &Model) -> Result<Trajectory, (usize, String)> {
     let constant = rows.windows(2).all(|w| ((w[1].0 - w[0].0) / mean_s - 1.0).abs() <= STEP_TOLERANCE);
     // Rounded times give a rate that is nearly, but not exactly, 60 Hz.
     let rate_hz = (1.0 / mean_s * 100.0).round() / 100.0;
-    if constant && (RATE_HZ.0..=RATE_HZ.1).contains(&rate_hz) {
-        let q = rows.into_iter().map(|(_, q)| q).collect();
-        return Ok(Trajectory { joint_names: names, rate_hz, q });
+    let is_resampled = !(constant && (RATE_HZ.0..=RATE_HZ.1).contains(&rate_hz));
+    let rate_hz = if is_resampled { RATE_RESAMPLED_HZ } else { rate_hz };
+    let lasts = last.0 - first.0;
+    let count = if is_resampled { (lasts * rate_hz).floor() } else { (rows.len() - 1) as f64 };
+    if !(1.0..FRAMES_MAX as f64).contains(&count) {
+        let bound =
+            format!("2 to {FRAMES_MAX} frames at {rate_hz} Hz are played; correct the times, or split the file");
+        return Err((line, format!("lasts {lasts:?} s, but {bound}")));
     }
-    let count = ((last.0 - first.0) * RATE_RESAMPLED_HZ).floor();
-    if !(1.0..=ROWS_MAX as f64).contains(&count) {
-        let lasts = last.0 - first.0;
-        return Err((line, format!("lasts {lasts:?} s, but 0.02 to {} are played; correct the times", ROWS_MAX / 60)));
-    }
-    let q = (0..=count as usize).map(|i| at(&rows, first.0 + i as f64 / RATE_RESAMPLED_HZ)).collect();
-    Ok(Trajectory { joint_names: names, rate_hz: RATE_RESAMPLED_HZ, q })
+    let row = |i: usize| if is_resampled { at(&rows, first.0 + i as f64 / rate_hz) } else { rows[i].1 };
+    Ok(Trajectory { joint_names: names, rate_hz, is_resampled, q: (0..=count as usize).map(row).collect() })
 }
 
 fn parse_row(text: &str, time: usize, columns: &[[Option<usize>; ARM_Q]; ARMS], width: usize) -> Result<Row, String> {
@@ -223,5 +224,11 @@ pub fn to_motion(trajectory: &Trajectory, model: &Model, name: &str) -> Motion {
     let warning = "a joint trajectory: the person has the limb rotations of the robot's forward kinematics";
     let mut motion = Motion::generated(name, trajectory.rate_hz, frames);
     motion.guesses.warnings.push(warning.to_owned());
+    if trajectory.is_resampled {
+        let (low, high) = RATE_HZ;
+        let warning =
+            format!("its rows have no constant rate of {low} to {high} Hz: interpolated to {RATE_RESAMPLED_HZ} Hz");
+        motion.guesses.warnings.push(warning);
+    }
     motion
 }

@@ -108,7 +108,9 @@ fn csv_is_resampled_to_60_hz_and_bad_csv_is_refused_by_line() {
     let fast = Trajectory { rate_hz: 600.0, ..trajectory.clone() };
     std::fs::write(&file, trajectory_csv(&fast)).expect("written");
     let read = read_csv(&file, &model).expect("is read");
-    assert_eq!((read.rate_hz, read.q.len()), (60.0, 13), "0.2 s at 60 Hz");
+    assert_eq!((read.rate_hz, read.q.len(), read.is_resampled), (60.0, 13, true), "0.2 s at 60 Hz");
+    let warnings = to_motion(&read, &model, "fast").guesses.warnings;
+    assert!(warnings[1].starts_with("its rows have no constant rate of 30 to 240 Hz"), "{warnings:?}");
     let text = trajectory_csv(&trajectory);
     let lines: Vec<&str> = text.lines().collect();
     let name = &trajectory.joint_names[0][3];
@@ -118,6 +120,11 @@ fn csv_is_resampled_to_60_hz_and_bad_csv_is_refused_by_line() {
         (text.replace(name.as_str(), "elbow"), "has no column arm_left_4_joint, but time_s, "),
         (lines[..2].join("\n"), "has 1 rows, at least 2 are needed"),
         ([lines[0], lines[1], lines[1]].join("\n"), "t.csv:3: time 0.0 s is not after 0.0 s; put"),
+        // A row of an hour is no motion, and would take 1 GB.
+        (
+            [lines[0], lines[1], &lines[1].replacen('0', "3600", 1)].join("\n"),
+            "lasts 3600.0 s, but 2 to 120000 frames at 60",
+        ),
         ([lines[0], "0,1,2"].join("\n"), "t.csv:2: has 3 columns, the header 11"),
         ([lines[0], "0,0,0,0,0,0,0,0,0,0,NaN"].join("\n"), "column 11: \"NaN\" is not a number"),
         ([lines[0], "0,0,0,0,0,0,0,0,0,0,3"].join("\n"), "arm_right_5_joint = 3.0 rad is outside [-2.0"),

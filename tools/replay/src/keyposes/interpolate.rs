@@ -61,5 +61,6 @@ pub fn interpolate(
         };
         own_positions(model, &as_left)
     };
-    Ok(Trajectory { joint_names: joint_names(model), rate_hz, q: (0..=rows).map(row).collect() })
+    let q = (0..=rows).map(row).collect();
+    Ok(Trajectory { joint_names: joint_names(model), rate_hz, is_resampled: false, q })
 }
