@@ -26,6 +26,10 @@ const PAUSE_S: f64 = 0.5;
 /// which `ingest` assumes a stuck tracker (`frozen_after_ms`), so that `ingest` follows the recording.
 const HELD_S: f64 = 0.1;
 
+/// Shortest silence after which another session may lead, ns: the least `ingest.authority_timeout_ms`. Two people whose
+/// recordings were merged follow each other faster.
+const SILENT_NS: u64 = 100_000_000;
+
 /// Largest plausible distance of a joint from the origin, m. It is farther than any camera or tracker sees.
 const POSITION_MAX_M: f32 = 1e4;
 
@@ -355,17 +359,26 @@ impl Timed {
 pub fn parse_mcap(input: impl Read + Seek, name: &str) -> Result<Motion, McapError> {
     let mut reader = Reader::new(input, |topic| u8::from(topic != "/teleop/skeleton"))?;
     let mut timed = Timed::default();
-    let mut unusable = 0_usize;
+    let (mut unusable, mut others) = (0_usize, 0_usize);
+    // Topic, session and newest time of the person that is read.
+    let mut led: Option<(String, u64, u64)> = None;
     while let Some(Recorded { channel, data, .. }) = reader.next_message()? {
-        let skeletons = reader.source(channel).is_some_and(|source| source.schema == Skeleton::TYPE_NAME.as_str());
-        if !skeletons {
-            continue;
-        }
-        let Some(skeleton) = Skeleton::from_le_bytes(&data) else { continue };
-        let Some(frame) = frame_of(&skeleton) else {
+        let skeletons = |source: &&Source| source.schema == Skeleton::TYPE_NAME.as_str();
+        let Some(source) = reader.source(channel).filter(skeletons) else { continue };
+        let skeleton = Skeleton::from_le_bytes(&data);
+        let Some((skeleton, frame)) = skeleton.and_then(|skeleton| Some((skeleton, frame_of(&skeleton)?))) else {
             unusable += 1;
             continue;
         };
+        let (session, at_ns) = (skeleton.session_nonce, skeleton.header.origin.0);
+        let is_other = led.as_ref().is_some_and(|(topic, led, newest_ns)| {
+            *topic != source.topic || *led != session && at_ns.saturating_sub(*newest_ns) < SILENT_NS
+        });
+        if is_other {
+            others += 1;
+            continue;
+        }
+        led = Some((source.topic.clone(), session, at_ns));
         if timed.frames.len() >= FRAMES_MAX {
             return Err(McapError::Frames { bound: FRAMES_MAX });
         }
@@ -392,11 +405,12 @@ pub fn parse_mcap(input: impl Read + Seek, name: &str) -> Result<Motion, McapErr
     if cut_s > held_s {
         warnings.push(format!("{:.1} s of pauses without a person are left out", cut_s - held_s));
     }
-    if late > 0 {
-        warnings.push(format!("{late} skeletons that were seen before others are left out"));
-    }
-    if unusable > 0 {
-        warnings.push(format!("{unusable} skeletons without both arms are left out"));
+    for (count, which) in [
+        (late, "that were seen before others"),
+        (unusable, "without both arms, or of a wrong length,"),
+        (others, "of a second person (another topic or session)"),
+    ] {
+        warnings.extend((count > 0).then(|| format!("{count} skeletons {which} are left out")));
     }
     let frames = (0..count).map(|i| at(&timed, i as f64 / rate_hz)).collect();
     let stature_m = stature_m(&timed[0].1.positions);

@@ -267,6 +267,24 @@ fn recording_loads_as_a_motion_with_the_recorded_limbs() {
             assert!(2.0 * dot.abs().min(1.0).acos() < 0.02, "{limb:?} is not {seen:?}");
         }
     }
+    // With a second person in between, and a message that was cut.
+    let file = std::fs::File::create(&path).unwrap();
+    let mut both = Recording::begin(file, &BTreeMap::new(), &[]).unwrap();
+    for skeleton in &skeletons {
+        let mut other = *skeleton;
+        (other.session_nonce, other.limbs) = (skeleton.session_nonce + 1, [[0.0, 0.0, 0.0, 1.0]; 4]);
+        for (skeleton, bytes) in [(skeleton, 0..448), (&other, 0..448), (&other, 0..40)] {
+            let data = bytes_of(skeleton)[bytes].to_vec();
+            let log_time = skeleton.header.stamp.0;
+            both.add(&Entry { topic: Topic::Skeleton, sequence: 0, log_time, data }).unwrap();
+        }
+    }
+    both.finish(&BTreeMap::new()).unwrap();
+    let one = motion::load(&path).expect("a motion");
+    assert_eq!(one.frames, motion.frames);
+    let left_out = |of: &str| one.guesses.warnings.contains(&format!("{whole} skeletons {of} are left out"));
+    let warnings = ["without both arms, or of a wrong length,", "of a second person (another topic or session)"];
+    assert!(warnings.into_iter().all(left_out), "{:?}", one.guesses.warnings);
 }
 
 #[test]
