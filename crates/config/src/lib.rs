@@ -29,9 +29,9 @@ pub enum ConfigError {
     Read { file: String, cause: String },
     #[error("{file}: {cause}")]
     Syntax { file: String, cause: String },
-    #[error("{file}: {key} = {value} is outside [{low}, {high}]")]
+    #[error("{file}: {key} = {} is outside [{low}, {high}]", schema::short(*.value))]
     Bound { file: String, key: String, value: f64, low: f64, high: f64 },
-    #[error("{file}: {key} = {value} is below {least}, {because}")]
+    #[error("{file}: {key} = {} is below {least}, {because}", schema::short(*.value))]
     TooShort { file: String, key: &'static str, value: f64, least: f64, because: &'static str },
     #[error("{cause}")]
     Robot { cause: String },

@@ -107,7 +107,7 @@ pub(crate) fn read_capsules(
             .ok_or_else(|| RobotError::unknown(file, format!("{key}: link"), &entry.link, "a link of the URDF"))?;
         // No robot with such arms has a capsule 2 m from its link or 1 m thick.
         let refuse = |name: &str, value: f64, bound: &str| {
-            RobotError::value(file, format!("{key}: {name}"), value.to_string(), bound)
+            RobotError::value(file, format!("{key}: {name}"), schema::short(value), bound)
         };
         if let Some(value) = entry.a_m.iter().chain(&entry.b_m).find(|value| !(value.abs() <= 2.0)) {
             return Err(refuse("a_m or b_m", *value, "at most 2 in magnitude"));

@@ -169,7 +169,7 @@ impl Source<'_> {
         }
         if !BASE_HEIGHT_M.contains(&height_m) {
             let bound = format!("must lie in [{}, {}]", BASE_HEIGHT_M.start(), BASE_HEIGHT_M.end());
-            return Err(self.value("base_height_m", height_m.to_string(), bound));
+            return Err(self.value("base_height_m", schema::short(height_m), bound));
         }
         let base_from_root = Pose { t: Vector3::new(0.0, 0.0, height_m), ..Pose::identity() };
         let locate = |link: usize| {

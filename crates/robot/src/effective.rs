@@ -76,7 +76,7 @@ impl Source<'_> {
     ) -> Result<Vec<(&'f str, &'f Group)>, RobotError> {
         // The project guarantees half a second. A longer time in a file would break this guarantee.
         if !(limits.stop_time_max_ms > 0.0 && limits.stop_time_max_ms <= 500.0) {
-            let value = limits.stop_time_max_ms.to_string();
+            let value = schema::short(limits.stop_time_max_ms);
             return Err(self.value("limits.stop_time_max_ms", value, "must be above 0 and at most 500"));
         }
         let lists =

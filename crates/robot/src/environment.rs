@@ -220,7 +220,7 @@ fn plane(file: &str, entry: &PlaneEntry) -> Result<Solid, RobotError> {
     }
     if !(entry.offset_m.abs() <= FAR_M) {
         let bound = format!("must be at most {FAR_M} in magnitude");
-        return Err(RobotError::value(file, key("offset_m"), entry.offset_m.to_string(), bound));
+        return Err(RobotError::value(file, key("offset_m"), schema::short(entry.offset_m), bound));
     }
     Ok(Solid::HalfSpace { normal: normal / length, offset_m: entry.offset_m })
 }

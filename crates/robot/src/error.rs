@@ -25,7 +25,7 @@ pub enum RobotError {
     Loop { file: String, link: String },
     #[error("{file}: joint `{joint}`: type {value}, {bound}")]
     JointKind { file: String, joint: String, value: String, bound: String },
-    #[error("{file}: joint `{joint}`: {key} = {value}, {bound}")]
+    #[error("{file}: joint `{joint}`: {key} = {}, {bound}", schema::short(*.value))]
     Joint { file: String, joint: String, key: String, value: f64, bound: String },
     #[error("{file}: {key}: edited after the fit: {advice}")]
     Edited { file: String, key: String, advice: String },

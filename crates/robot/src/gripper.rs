@@ -67,7 +67,7 @@ impl Source<'_> {
     fn gripper(&self, side: &str, hand: HandEntry, names: &[String]) -> Result<Gripper, RobotError> {
         let key = |key: &str| format!("hands.{side}.{key}");
         let within = |name: &str, value: f64, bound: &RangeInclusive<f64>| {
-            let refused = || self.value(&key(name), value.to_string(), range(bound));
+            let refused = || self.value(&key(name), schema::short(value), range(bound));
             bound.contains(&value).then_some(value).ok_or_else(refused)
         };
         let closing_time_ms = within("closing_time_ms", hand.closing_time_ms, &CLOSING_TIME_MS)?;

@@ -61,7 +61,7 @@ impl Inertia {
 pub(crate) fn read(file: &str, link: &urdf_rs::Link) -> Result<Inertia, RobotError> {
     let (inertial, i) = (&link.inertial, &link.inertial.inertia);
     let refuse = |key: &str, value: f64, bound: String| {
-        Err(RobotError::value(file, format!("link `{}`: {key}", link.name), value.to_string(), bound))
+        Err(RobotError::value(file, format!("link `{}`: {key}", link.name), schema::short(value), bound))
     };
     let mass_kg = inertial.mass.value;
     if !(0.0..=MASS_MAX_KG).contains(&mass_kg) {
@@ -113,7 +113,7 @@ impl Source<'_> {
                 let key = format!("mass of the {side} arm in kg");
                 let links = model.massless_links().join("`, `");
                 let bound = format!("must be above 0: torques need the <inertial> of `{links}`");
-                return Err(RobotError::value(self.urdf, key, mass_kg.to_string(), bound));
+                return Err(RobotError::value(self.urdf, key, schema::short(mass_kg), bound));
             }
         }
         Ok(())

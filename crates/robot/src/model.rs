@@ -317,7 +317,7 @@ impl Source<'_> {
             return Ok(value);
         }
         let bound = format!("must lie in [{}, {}]", bound.start(), bound.end());
-        Err(self.value(key, value.to_string(), bound))
+        Err(self.value(key, schema::short(value), bound))
     }
 
     pub(crate) fn value(&self, key: &str, value: String, bound: impl Into<String>) -> RobotError {
@@ -357,7 +357,7 @@ impl Source<'_> {
         for (side, arm) in arms.into_iter().enumerate() {
             if let Some(value) = arm.reference_rad.iter().find(|value| !(value.abs() <= TAU)) {
                 let key = format!("arms.{}.reference_rad", ["left", "right"][side]);
-                return Err(self.value(&key, value.to_string(), "at most 2 pi in magnitude"));
+                return Err(self.value(&key, schema::short(*value), "at most 2 pi in magnitude"));
             }
             let joints = Arm::with_joints(order.arm_start(side), shape);
             model.arms[side] = model.derive_arm(&joints, shape.in_slots(&arm.reference_rad));
@@ -373,7 +373,7 @@ impl Source<'_> {
     fn torso(&self, file: &RobotFile, found: Option<(usize, Pose)>) -> Result<(usize, Matrix3<f64>), RobotError> {
         let (body, body_from_link) = found.ok_or_else(|| self.unknown_link("torso_link", &file.torso_link))?;
         if let Some(value) = file.torso_rpy_rad.iter().find(|angle| !(angle.abs() <= TAU)) {
-            return Err(self.value("torso_rpy_rad", value.to_string(), "at most 2 pi in magnitude"));
+            return Err(self.value("torso_rpy_rad", schema::short(*value), "at most 2 pi in magnitude"));
         }
         let link = Some(body_from_link.r).filter(|r| (r - Matrix3::identity()).amax() > TURN_TOLERANCE);
         let turn = Pose::from_xyz_rpy([0.0; 3], file.torso_rpy_rad).r;
@@ -454,7 +454,7 @@ impl Source<'_> {
     /// 1 mm is less than any servo can hold, and 200 mm is more than a forearm.
     fn millimetres(&self, key: &str, value: f64) -> Result<f64, RobotError> {
         if !(1.0..=200.0).contains(&value) {
-            return Err(self.value(key, value.to_string(), "must be 1 to 200"));
+            return Err(self.value(key, schema::short(value), "must be 1 to 200"));
         }
         Ok(value * 1e-3)
     }

@@ -49,7 +49,7 @@ impl Source<'_> {
             Ok(payload) => Ok(Some(payload)),
             Err(PayloadRefusal::Mass) => {
                 let bound = format!("must be 0 to {PAYLOAD_MAX_KG}");
-                Err(self.value(&format!("payload.{side}.mass_kg"), mass_kg.to_string(), bound))
+                Err(self.value(&format!("payload.{side}.mass_kg"), schema::short(*mass_kg), bound))
             }
             Err(_) => {
                 let bound = format!("must be at most {PAYLOAD_REACH_MAX_M} m from the origin of the hand's frame");

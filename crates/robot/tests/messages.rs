@@ -17,7 +17,10 @@ fn check(error: &RobotError, names: &[&str], wrong: &mut BTreeSet<String>) {
     let text = error.to_string();
     let file = text.contains("tiago_dual.toml") || text.contains("tiago_dual.urdf");
     let named = names.iter().any(|name| text.contains(name));
-    if !file || !named || !BOUNDS.split('|').any(|word| text.contains(word)) {
+    // 1e30 is one word, and no row of zeros. A parser shows the line, and the number in full.
+    let is_long =
+        !text.contains("TOML parse error") && text.split(|c: char| !c.is_ascii_digit()).any(|digits| digits.len() > 17);
+    if is_long || !file || !named || !BOUNDS.split('|').any(|word| text.contains(word)) {
         wrong.insert(format!("{names:?}: {text}"));
     }
 }
@@ -31,7 +34,7 @@ fn every_refusal_of_a_changed_file_names_file_key_and_bound() {
         let others: &[&str] = match value.chars().next() {
             Some('"') => &["\"nonesuch\"", "3"],
             Some('[') if value.ends_with(']') => &["[]", "3"],
-            Some('0'..='9' | '-') => &["-1e9", "1e9", "nan", "\"x\""],
+            Some('0'..='9' | '-') => &["-1e9", "1e30", "nan", "\"x\""],
             _ => continue,
         };
         for other in others.iter().map(|other| format!("{key} = {other}")).chain([String::new()]) {
@@ -56,7 +59,7 @@ fn every_refusal_of_a_changed_file_names_file_key_and_bound() {
             if value.is_empty() || !seen.insert((tag, name)) {
                 continue;
             }
-            for other in ["nan", "-1e9", "nonesuch"] {
+            for other in ["nan", "-1e30", "nonesuch"] {
                 let line = line.replacen(&format!("{name}=\"{value}\""), &format!("{name}=\"{other}\""), 1);
                 let lines = URDF.lines().enumerate().map(|(i, own)| if i == n { line.as_str() } else { own });
                 if let Err(error) = load(TOML, &lines.collect::<Vec<_>>().join("\n")) {

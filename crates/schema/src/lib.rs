@@ -26,13 +26,19 @@ pub trait Table: Default + serde::Serialize {
 
 /// Returned for a value outside its bounds.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("{key} = {value} is outside [{low}, {high}]")]
+#[error("{key} = {} is outside [{low}, {high}]", short(*.value))]
 #[allow(missing_docs, reason = "the text names the fields")]
 pub struct OutOfBounds {
     pub key: &'static str,
     pub value: f64,
     pub low: f64,
     pub high: f64,
+}
+
+/// Returns a number without the zeros of a very large or small one: 1e30 has 31 digits.
+pub fn short(value: f64) -> String {
+    let is_readable = value == 0.0 || (1e-6..1e15).contains(&value.abs());
+    if is_readable { value.to_string() } else { format!("{value:e}") }
 }
 
 /// A value that bounds apply to.

@@ -142,7 +142,7 @@ impl Plan {
         ];
         for (key, value, least) in bounds {
             if !(value >= least && value <= 100.0) {
-                return Err(CollisionError::content(file, format!("{key} = {value}, must be {least} to 100")));
+                return Err(CollisionError::content(file, format!("{key} = {value:?}, must be {least} to 100")));
             }
         }
         for group in &plan.groups {

@@ -86,10 +86,10 @@ fn summary(cli: &Cli, file: &Path) -> Result<(), Failure> {
 fn check(cli: &Cli) -> Result<(), Failure> {
     let (low, high) = RATE_HZ;
     if !(low..=high).contains(&cli.rate) {
-        return Err(Failure::new(Exit::Usage, format!("--rate {} is outside [{low}, {high}]", cli.rate)));
+        return Err(Failure::new(Exit::Usage, format!("--rate {:?} is outside [{low}, {high}]", cli.rate)));
     }
     if let Some(seconds) = cli.seconds.filter(|&seconds| !(seconds > 0.0 && seconds <= SECONDS_MAX)) {
-        return Err(Failure::new(Exit::Usage, format!("--seconds {seconds} is outside (0, {SECONDS_MAX}]")));
+        return Err(Failure::new(Exit::Usage, format!("--seconds {seconds:?} is outside (0, {SECONDS_MAX}]")));
     }
     // `up` and `demo` start their recorder before the instance, so that it reads the first message.
     let prefix = Instance::unmade(&cli.run_dir).core_domain().prefix;

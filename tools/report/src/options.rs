@@ -1,7 +1,7 @@
 //! The command line and its failures.
 
 use rt::{Exit, Failure};
-use std::fmt::Display;
+use std::fmt::{Debug, Display};
 
 /// Parses the command line. An invalid one ends the program with EX_USAGE of sysexits(3).
 pub fn parse<C: clap::Parser>() -> C {
@@ -18,10 +18,14 @@ pub fn out_of_bounds(option: &str, value: impl Display, bounds: impl Display) ->
 }
 
 /// Checks that the value of an option is within its bounds.
-pub fn check_bounds<T: PartialOrd + Display>(option: &str, value: T, [low, high]: [T; 2]) -> Result<(), Failure> {
+pub fn check_bounds<T: PartialOrd + Display + Debug>(
+    option: &str,
+    value: T,
+    [low, high]: [T; 2],
+) -> Result<(), Failure> {
     // NaN is in no bounds.
     let is_within = value >= low && value <= high;
-    if is_within { Ok(()) } else { Err(out_of_bounds(option, value, format!("{low} to {high}"))) }
+    if is_within { Ok(()) } else { Err(out_of_bounds(option, format_args!("{value:?}"), format!("{low} to {high}"))) }
 }
 
 /// The failure of a run that a signal ended.
@@ -36,9 +40,9 @@ mod tests {
     #[test]
     fn value_out_of_bounds_is_refused_by_option_name() {
         assert!(check_bounds("--ticks", 1, [1, 9]).is_ok() && check_bounds("--ticks", 9, [1, 9]).is_ok());
-        for value in [f64::NAN, f64::INFINITY, 0.5] {
+        for value in [f64::NAN, f64::INFINITY, 0.5, 1e30] {
             let failure = check_bounds("--seconds", value, [1.0, 9.0]).expect_err("out of bounds");
-            assert_eq!((failure.exit, failure.text), (Exit::Usage, format!("--seconds = {value}: must be 1 to 9")));
+            assert_eq!((failure.exit, failure.text), (Exit::Usage, format!("--seconds = {value:?}: must be 1 to 9")));
         }
     }
 }
