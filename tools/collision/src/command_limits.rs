@@ -16,7 +16,7 @@ pub(crate) struct Limits {
     /// Robot file.
     robot: PathBuf,
     /// Point mass in each hand, kg.
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, value_parser = rt::number, allow_negative_numbers = true)]
     payload_kg: f64,
     /// Links whose origins carry the payload [default: the centres under [payload] in the robot file].
     #[arg(long)]
@@ -28,7 +28,7 @@ pub(crate) struct Limits {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Allowed share of the URDF's effort limit.
-    #[arg(long, default_value_t = 0.85)]
+    #[arg(long, default_value_t = 0.85, value_parser = rt::number, allow_negative_numbers = true)]
     share: f64,
 }
 
@@ -36,7 +36,10 @@ impl Limits {
     fn check(&self) -> Result<(), CollisionError> {
         for (key, value, most) in [("--share", self.share, 1.0), ("--payload-kg", self.payload_kg, 50.0)] {
             if !(value >= 0.0 && value <= most) || (value == 0.0 && key != "--payload-kg") {
-                return Err(CollisionError::content("arguments", format!("{key} {value:?}, must be above 0 to {most}")));
+                return Err(CollisionError::content(
+                    "arguments",
+                    format!("{key} {value:?}, must be above 0 to {most}"),
+                ));
             }
         }
         Ok(())

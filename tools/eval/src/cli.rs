@@ -31,7 +31,8 @@ pub struct Cli {
     #[arg(long, value_name = "minilm|PATH")]
     pub encoder: Option<PathBuf>,
     /// --refusals: frames per second, 20 to 240
-    #[arg(long, value_name = "HZ", value_delimiter = ',', default_values_t = [20.0, 30.0, 60.0, 120.0])]
+    #[arg(long, value_name = "HZ", value_delimiter = ',', default_values_t = [20.0, 30.0, 60.0, 120.0],
+        value_parser = rt::number, allow_negative_numbers = true)]
     pub rates: Vec<f64>,
     /// Settings file of --following and --refusals
     #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]

@@ -69,7 +69,8 @@ pub struct Changes {
     #[arg(long, conflicts_with = "no_certificate")]
     pub no_torque: bool,
     /// Payload in each of both hands, kg.
-    #[arg(long, value_name = "KG", default_value_t = 0.0, conflicts_with_all = ["no_certificate", "no_torque"])]
+    #[arg(long, value_name = "KG", default_value_t = 0.0, conflicts_with_all = ["no_certificate", "no_torque"],
+        value_parser = rt::number, allow_negative_numbers = true)]
     pub payload_kg: f64,
     /// Do not tell whole-body control of the payload. Motors must then be overloaded. Finding no overload is
     /// the failure.
