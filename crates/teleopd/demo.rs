@@ -164,25 +164,11 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
         let text = "demo moves a simulated robot only, but driver.kind is \"robot\"; run `teleopd up`";
         return Err(Failure::new(Exit::Config, text));
     }
-    // Checked before the run, so that an unwritable report is found early. An existing report stays until the run
-    // has ended.
-    if let Some(path) = &options.report {
-        refuse_unwritable(path).map_err(|error| Failure::unwritable(path, &error))?;
-    }
+    options.report.as_deref().map_or(Ok(()), Failure::check_writable)?;
     if options.view {
         crate::view::refuse_taken(options.view_port, "--view-port")?;
     }
     Ok((motion, loaded))
-}
-
-/// Returns an error if the file cannot be written. Keeps the file's contents.
-fn refuse_unwritable(path: &Path) -> std::io::Result<()> {
-    match std::fs::metadata(path) {
-        // Opening a pipe would wait for a reader. A device has no contents to lose.
-        Ok(found) if !found.is_file() && !found.is_dir() => Ok(()),
-        Ok(_) => std::fs::OpenOptions::new().write(true).open(path).map(drop),
-        Err(_) => std::fs::File::create(path).and_then(|_| std::fs::remove_file(path)),
-    }
 }
 
 /// Returns the real-time features that this machine or the settings deny to the real-time processes. Empty if

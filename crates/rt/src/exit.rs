@@ -98,6 +98,17 @@ impl Failure {
         Self::new(Exit::CantCreate, crate::unwritable(path, error))
     }
 
+    /// Checks before a run that its end can write this file. Its content stays.
+    pub fn check_writable(path: &Path) -> Result<(), Self> {
+        let opened = match std::fs::metadata(path) {
+            // Opening a pipe would wait for a reader. A device has no contents to lose.
+            Ok(found) if !found.is_file() && !found.is_dir() => Ok(()),
+            Ok(_) => std::fs::OpenOptions::new().write(true).open(path).map(drop),
+            Err(_) => std::fs::File::create(path).and_then(|_| std::fs::remove_file(path)),
+        };
+        opened.map_err(|error| Self::unwritable(path, &error))
+    }
+
     /// Returns a function that gives every error this code.
     pub fn with<E: std::fmt::Display>(exit: Exit) -> impl Fn(E) -> Self + Copy {
         move |error| Self::new(exit, error)

@@ -21,6 +21,7 @@ use train::files::read_model;
 const TIMED_POSES: usize = 256;
 
 pub fn run(cli: &Cli) -> Result<(), Failure> {
+    cli.json.as_deref().map_or(Ok(()), Failure::check_writable)?;
     // The command line has exactly one of them.
     if let Some(folder) = &cli.following {
         return following::run(cli, folder);

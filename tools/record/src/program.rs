@@ -66,6 +66,7 @@ fn summary(cli: &Cli, file: &Path) -> Result<(), Failure> {
     // The names of the parts, and the limits in the picture, come from --config. Without it, indices replace the names.
     let loaded = config::load(&cli.config, cli.overrides()).map_err(Failure::with(Exit::Config));
     let recorded = Recorded::open(file).map_err(Failure::with(Exit::NoInput))?;
+    cli.plot.as_deref().map_or(Ok(()), Failure::check_writable)?;
     // The names of another robot would be wrong.
     let loaded = loaded
         .and_then(|loaded| recorded.check_robot(&loaded.model).map(|()| loaded).map_err(Failure::with(Exit::NoInput)));

@@ -6,7 +6,7 @@ use std::process::Command;
 /// Arguments; exit code; what the message must name, last the way out. Words that begin with `@` are files of the folder.
 type Row = (&'static str, i32, &'static [&'static str]);
 
-const ROWS: [Row; 38] = [
+const ROWS: [Row; 41] = [
     ("@none.bvh --offline @o.csv", 66, &["none.bvh", "there is no such file", "Check the path"]),
     ("@clip.fbx --offline @o.csv", 66, &["clip.fbx", "\"fbx\"", "motion files are .bvh", "`replay` plays .csv"]),
     ("@clip.bvh --map @none.toml", 66, &["none.toml: there is no such file", "Check the path"]),
@@ -24,7 +24,18 @@ const ROWS: [Row; 38] = [
     ("@clip.bvh --up z --offline @o.csv", 64, &["clip.bvh", "--up", "leave it out"]),
     ("builtin --up z", 64, &["builtin", "--up is for .npy, .npz files", "leave it out"]),
     ("@broken.bvh", 66, &["broken.bvh: line 4", "\"zero\" is not a number", "write one there"]),
-    ("@clip.bvh --offline @o.json", 64, &["o.json", "the same name", "give a name with .csv"]),
+    (
+        "@clip.bvh --offline @o.json",
+        64,
+        &["JSON file beside --offline", "o.json: this is --offline", "give another file"],
+    ),
+    (
+        "@clip.bvh --offline @o.csv --record @o.json",
+        64,
+        &["--record", "o.json: this is the JSON file beside --offline"],
+    ),
+    ("@clip.bvh --offline @o.csv --plot @o.csv", 64, &["--plot", "o.csv: this is --offline", "give another file"]),
+    ("@clip.bvh --offline @o.csv --plot @empty", 73, &["empty is a folder", "Give the name of a file"]),
     ("@clip.bvh --offline @clip.bvh", 64, &["--offline", "clip.bvh", "give another file"]),
     ("@clip.bvh --offline @o.csv --loop", 64, &["--loop does not", "give only one of them"]),
     ("@clip.bvh --offline @o.csv --frame-rate 0", 2, &["'0'", "within [0.01, 100000]", "such as 30"]),

@@ -21,26 +21,22 @@ const PROGRESS_PERIOD: Duration = Duration::from_secs(10);
 
 /// Rejects options that would overwrite an input or output file, or would never end.
 fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
-    if out.extension().is_some_and(|extension| extension == "json") {
-        return Err(Failure::new(
-            Exit::Usage,
-            format!("{}: the JSON file beside the CSV would have the same name; give a name with .csv", out.display()),
-        ));
-    }
     let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
-    let file = cli.file.as_deref().unwrap_or(Path::new(""));
-    for (option, out) in
-        [("--offline", Some(out)), ("--record", cli.record.as_deref()), ("--plot", cli.plot.as_deref())]
-    {
-        if let Some(out) = out.filter(|out| same(out, file)) {
-            let text = format!("{option} {}: this is the motion itself; give another file", out.display());
+    let beside = out.with_extension("json");
+    let mut before = vec![("the motion itself", cli.file.as_deref().unwrap_or(Path::new("")))];
+    for (option, out) in [
+        ("--offline", Some(out)),
+        ("the JSON file beside --offline", Some(&*beside)),
+        ("--record", cli.record.as_deref()),
+        ("--plot", cli.plot.as_deref()),
+    ] {
+        let Some(out) = out else { continue };
+        if let Some((other, _)) = before.iter().find(|(_, other)| *other == out || same(other, out)) {
+            let text = format!("{option} {}: this is {other}; give another file", out.display());
             return Err(Failure::new(Exit::Usage, text));
         }
-    }
-    // Drawn at the end of the run, so a picture that cannot be written is refused before.
-    let folder = cli.plot.as_deref().and_then(Path::parent).filter(|folder| *folder != Path::new(""));
-    if let (Some(plot), Some(Err(error))) = (&cli.plot, folder.map(std::fs::metadata)) {
-        return Err(Failure::unwritable(plot, &error));
+        Failure::check_writable(out)?;
+        before.push((option, out));
     }
     if cli.looped {
         return Err(Failure::new(Exit::Usage, "--offline ends, but --loop does not; give only one of them"));
