@@ -147,16 +147,8 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
     if let Some(seconds) = options.seconds.filter(|seconds| !(*seconds > 0.0 && *seconds <= 86_400.0)) {
         return Err(Failure::new(Exit::Usage, format!("--seconds {seconds:?} is outside (0, 86400]")));
     }
-    let refusal = options.load.refusal(options.motion.as_deref().unwrap_or(Path::new("builtin")));
-    refusal.map_or(Ok(()), |refusal| Err(Failure::new(Exit::Usage, refusal)))?;
-    let motion = match &options.motion {
-        Some(path) => match path.to_str().and_then(motion::builtin_named) {
-            Some(motion) => motion,
-            None => motion::load_with(path, &options.load)
-                .map_err(|error| Failure::new(Exit::NoInput, poses::error::refused(&error)))?,
-        },
-        None => motion::builtin(),
-    };
+    let path = options.motion.as_deref().unwrap_or(Path::new("builtin"));
+    let motion = motion::load_with(path, &options.load).map_err(|error| poses::error::failure(&error))?;
     let (interface, robot) = (options.interface, options.robot.clone());
     let overrides = Overrides { engage_without_realtime: true, interface, robot };
     let loaded = config::load(&options.config, overrides).map_err(Failure::with(Exit::Config))?;

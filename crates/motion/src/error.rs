@@ -13,6 +13,8 @@ pub enum MotionError {
         "{file}: extension \"{extension}\" is unknown; motion files are .bvh, .npy, .npz and .mcap, and `replay` plays .csv, too"
     )]
     UnknownFormat { file: String, extension: String },
+    #[error("{file}: {option} is for .{extensions} files; leave it out")]
+    Unused { file: String, option: &'static str, extensions: String },
     #[error("{file} is a folder; name one motion file in it")]
     Folder { file: String },
     #[error("{file}: {bytes} bytes, at most {bound} are read; split it into parts")]

@@ -167,9 +167,9 @@ pub struct LoadOptions {
 
 impl LoadOptions {
     /// Returns why one of these options cannot be used for this file or built-in motion.
-    pub fn refusal(&self, file: &Path) -> Option<String> {
+    pub fn refusal(&self, file: &Path) -> Option<MotionError> {
         let extension = file.extension().unwrap_or_default();
-        let options: [(&str, bool, &[&str]); 5] = [
+        let options: [(&'static str, bool, &[&str]); 5] = [
             ("--up", self.up.is_some(), &["npy", "npz"]),
             ("--mean", self.mean.is_some(), &["npy"]),
             ("--map", self.map.is_some(), &["bvh"]),
@@ -178,7 +178,7 @@ impl LoadOptions {
         ];
         let serves = |extensions: &[&str]| extensions.iter().any(|own| extension.eq_ignore_ascii_case(own));
         let (option, _, extensions) = options.into_iter().find(|(_, given, own)| *given && !serves(own))?;
-        Some(format!("{}: {option} is for .{} files; leave it out", file.display(), extensions.join(", .")))
+        Some(MotionError::Unused { file: file.display().to_string(), option, extensions: extensions.join(", .") })
     }
 }
 
@@ -194,10 +194,17 @@ pub fn load(path: &Path) -> Result<Motion, MotionError> {
     load_with(path, &LoadOptions::default())
 }
 
-/// Like [`load`], with information that the file may lack. Rejects a mirror image unless `mirror` is set.
+/// Like [`load`], with information that the file may lack. Rejects a mirror image unless `mirror` is set. Also takes the name of a
+/// built-in motion.
 pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionError> {
     let file = || path.display().to_string();
     let array = |source| MotionError::Array { file: file(), source };
+    if let Some(refusal) = options.refusal(path) {
+        return Err(refusal);
+    }
+    if let Some(motion) = path.to_str().and_then(builtin_named) {
+        return Ok(motion);
+    }
     if path.is_dir() {
         return Err(MotionError::Folder { file: file() });
     }

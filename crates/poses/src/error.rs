@@ -23,6 +23,12 @@ impl PosesError {
     }
 }
 
+/// Returns the failure of a program whose motion file is refused.
+pub fn failure(error: &motion::MotionError) -> rt::Failure {
+    let is_unused = matches!(error, motion::MotionError::Unused { .. });
+    rt::Failure::new(if is_unused { rt::Exit::Usage } else { rt::Exit::NoInput }, refused(error))
+}
+
 /// Returns the reason why a motion file is refused, and the remedy if the system refuses it.
 pub fn refused(error: &motion::MotionError) -> String {
     match error {

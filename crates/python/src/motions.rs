@@ -95,9 +95,6 @@ pub(crate) fn read_motion(
     up: Option<&str>,
     mirror: bool,
 ) -> PyResult<Motion> {
-    if let Some(motion) = path.to_str().and_then(motion::builtin_named) {
-        return Ok(Motion { motion: Arc::new(motion) });
-    }
     let up = up.map(|axis| axis.parse().map_err(|cause| refused(format!("up = {axis:?}: {cause}")))).transpose()?;
     let options = LoadOptions { mirror, frame_rate_hz, up, ..LoadOptions::default() };
     let loaded = computed(py, |_| motion::load_with(&path, &options))?;

@@ -6,7 +6,7 @@ use std::process::Command;
 /// Arguments; exit code; what the message must name, last the way out. Words that begin with `@` are files of the folder.
 type Row = (&'static str, i32, &'static [&'static str]);
 
-const ROWS: [Row; 41] = [
+const ROWS: [Row; 42] = [
     ("@none.bvh --offline @o.csv", 66, &["none.bvh", "there is no such file", "Check the path"]),
     ("@clip.fbx --offline @o.csv", 66, &["clip.fbx", "\"fbx\"", "motion files are .bvh", "`replay` plays .csv"]),
     ("@clip.bvh --map @none.toml", 66, &["none.toml: there is no such file", "Check the path"]),
@@ -45,6 +45,7 @@ const ROWS: [Row; 41] = [
     ("batch --input @empty --out @o", 66, &["--input", "empty", "no .bvh", "give another folder"]),
     ("batch --input @. --out @.", 73, &["--out", "lies in --input", "give another --out"]),
     ("batch --input @. --out @more --recursive", 73, &["--out", "lies in --input", "give another --out"]),
+    ("batch --input @arrays --out @o --map @number.toml", 1, &["a.npy: --map is for .bvh files", "leave it out"]),
     ("batch --input @none --out @o", 66, &["none", "there is no such file", "Check the path"]),
     ("keyposes interpolate t-pose @clip.bvh:99999", 64, &["clip.bvh:99999", "\"99999\"", "not a frame of 0 to "]),
     ("keyposes interpolate t-pose @clip.bvh@99", 64, &["\"99\" is not a time of 0 to "]),
@@ -70,7 +71,11 @@ fn every_refusal_names_place_value_bound_and_what_to_do() {
     std::fs::write(folder.path().join("broken.bvh"), "HIERARCHY\nROOT Hips\n{\n OFFSET 0 0 zero\n").expect("written");
     std::fs::write(folder.path().join("latin.csv"), b"\xe9").expect("written");
     std::fs::write(folder.path().join("captions.tsv"), "clip.bvh waves\n").expect("written");
-    std::fs::create_dir(folder.path().join("empty")).expect("made");
+    std::fs::write(folder.path().join("number.toml"), "left_elbow = 3\n").expect("written");
+    for name in ["empty", "arrays"] {
+        std::fs::create_dir(folder.path().join(name)).expect("made");
+    }
+    std::fs::write(folder.path().join("arrays/a.npy"), "").expect("written");
     let mut wrong = Vec::new();
     for (arguments, code, parts) in ROWS {
         let argument = |word: &str| word.strip_prefix('@').map_or(word.into(), |name| folder.path().join(name));

@@ -69,8 +69,7 @@ pub(super) struct Shared<'a> {
 pub fn run(cli: &Cli, shutdown: &Shutdown, progress: &ProgressBar) -> Result<Summary, Failure> {
     let (input, out) = (cli.input.as_path(), cli.out.as_path());
     let (model, postures) = load(cli)?;
-    let refused = |error| Failure::new(Exit::NoInput, poses::error::refused(&error));
-    let listing = motion::list(input, cli.recursive).map_err(refused)?;
+    let listing = motion::list(input, cli.recursive).map_err(|error| poses::error::failure(&error))?;
     if listing.files.is_empty() {
         let hint = if cli.recursive { "" } else { " (--recursive looks into its folders)" };
         let text =
@@ -216,7 +215,7 @@ fn make(shared: &Shared<'_>, job: &Job) -> Result<Outcome, Failure> {
             Some(_) => {}
         }
     }
-    let motion = motion::load_with(&job.input, &cli.load).map_err(Failure::with(Exit::NoInput))?;
+    let motion = motion::load_with(&job.input, &cli.load).map_err(|error| poses::error::failure(&error))?;
     let interrupted = || shared.shutdown.requested();
     let count = if cli.certified {
         let Some(rows) = certified::commands(shared, &job.input, &motion, interrupted)? else {

@@ -7,7 +7,7 @@ mod offline;
 use crate::cli::Cli;
 use config::Overrides;
 use motion::CalibrationMode;
-use poses::{error::refused, trajectory};
+use poses::{error::failure, trajectory};
 use rt::{Exit, Failure, out};
 use std::path::Path;
 use std::process::ExitCode;
@@ -45,22 +45,19 @@ fn play(cli: &mut Cli) -> Result<(), Failure> {
 /// forward kinematics. So it passes through retargeting and every check, as any live person does.
 fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
     let file = cli.file.clone().unwrap_or_default();
-    cli.load.refusal(&file).map_or(Ok(()), |refusal| Err(Failure::new(Exit::Usage, refusal)))?;
-    if let Some(motion) = file.to_str().and_then(motion::builtin_named) {
+    let is = |wanted: &str| file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(wanted));
+    if !is("csv") {
+        let motion = motion::load_with(&file, &cli.load).map_err(|error| failure(&error))?;
         if motion.name == motion::CALIBRATION {
             // A person to calibrate has no hinges yet.
             cli.calibration = CalibrationMode::None;
+        } else if is("mcap") {
+            // The skeletons have the limbs that `ingest` found, with any hinges.
+            cli.calibration = CalibrationMode::Rig;
         }
         return Ok(motion);
     }
-    let is = |wanted: &str| file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(wanted));
-    if is("mcap") {
-        // The skeletons have the limbs that `ingest` found, with any hinges.
-        cli.calibration = CalibrationMode::Rig;
-    }
-    if !is("csv") {
-        return motion::load_with(&file, &cli.load).map_err(|error| Failure::new(Exit::NoInput, refused(&error)));
-    }
+    cli.load.refusal(&file).map_or(Ok(()), |error| Err(failure(&error)))?;
     let loaded =
         config::load(&cli.config, Overrides::robot(cli.robot.as_ref())).map_err(Failure::with(Exit::Config))?;
     let trajectory = trajectory::read_csv(&file, &loaded.model).map_err(Failure::with(Exit::NoInput))?;
