@@ -80,7 +80,7 @@ impl Named {
         let file = || path.display().to_string();
         let text = std::fs::read_to_string(path).map_err(|source| MotionError::Io { file: file(), source })?;
         let named: Self = toml::from_str(&text)
-            .map_err(|error| MotionError::Map { file: file(), cause: error.message().to_owned() })?;
+            .map_err(|error| MotionError::Map { file: file(), cause: error.to_string().trim_end().to_owned() })?;
         match named.0.keys().find(|key| !SMPL_NAMES.contains(&key.as_str())) {
             Some(key) => {
                 let cause = format!("{key} is no joint; the joints are {}", SMPL_NAMES.join(", "));

@@ -6,10 +6,15 @@ use std::process::Command;
 /// Arguments; exit code; what the message must name, last the way out. Words that begin with `@` are files of the folder.
 type Row = (&'static str, i32, &'static [&'static str]);
 
-const ROWS: [Row; 42] = [
+const ROWS: [Row; 43] = [
     ("@none.bvh --offline @o.csv", 66, &["none.bvh", "there is no such file", "Check the path"]),
     ("@clip.fbx --offline @o.csv", 66, &["clip.fbx", "\"fbx\"", "motion files are .bvh", "`replay` plays .csv"]),
     ("@clip.bvh --map @none.toml", 66, &["none.toml: there is no such file", "Check the path"]),
+    (
+        "@clip.bvh --map @number.toml",
+        66,
+        &["number.toml", "left_elbow = 3", "line 1", "expected a string", "ForeArm.L"],
+    ),
     ("@clip.bvh --robot @none.toml --offline @o.csv", 78, &["none.toml: there is no such file", "check the path"]),
     ("@clip.bvh --plot @none/o.png --offline @o.csv", 73, &["o.png: there is no folder", "mkdir -p"]),
     ("@clip.bvh --frame-rate abc", 2, &["'abc'", "--frame-rate", "within [0.01, 100000]", "such as 30"]),
