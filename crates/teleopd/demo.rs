@@ -149,6 +149,7 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
     }
     let path = options.motion.as_deref().unwrap_or(Path::new("builtin"));
     let motion = motion::load_with(path, &options.load).map_err(|error| poses::error::failure(&error))?;
+    motion.stands_from().map_err(|why| Failure::new(Exit::NoInput, format!("{}: {why}", path.display())))?;
     let (interface, robot) = (options.interface, options.robot.clone());
     let overrides = Overrides { engage_without_realtime: true, interface, robot };
     let loaded = config::load(&options.config, overrides).map_err(Failure::with(Exit::Config))?;

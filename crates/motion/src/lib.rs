@@ -128,11 +128,17 @@ impl Motion {
         Self { name: name.to_owned(), frame_rate_hz, frames, first: None, has_rotations: true, guesses }
     }
 
-    /// Number of the first frame in which the person stands or sits: a robot follows from there on. `None` without one.
-    pub fn stands_from(&self) -> Option<usize> {
+    /// Number of the first frame in which the person stands or sits: a robot follows from there on.
+    ///
+    /// # Errors
+    /// Says so if the person lies all the time.
+    pub fn stands_from(&self) -> Result<usize, &'static str> {
         let ankles = 1 << Smpl::LeftAnkle as u32 | 1 << Smpl::RightAnkle as u32;
         let stands = |frame: &Frame| skeleton::stands(&frame.positions, frame.seen() & ankles == ankles);
-        self.frames.iter().position(|frame| stands(frame) == Some(true))
+        self.frames.iter().position(|frame| stands(frame) == Some(true)).ok_or(
+            "in every frame trunk and legs lean by 60 degrees or more, and no robot engages with a person who lies; give a motion \
+             with a frame in which they stand or sit, or make postures of it (replay batch)",
+        )
     }
 
     /// Length, s.
@@ -243,9 +249,9 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
     motion.guesses.warnings.extend(lengths::doubt_of_place(&motion, has_first.into()));
     motion.guesses.warnings.extend(lengths::even(&mut motion.frames));
     let lies = match motion.stands_from().map(|begins| begins + usize::from(has_first)) {
-        Some(begins) if begins == usize::from(has_first) => None,
-        Some(begins) => Some(format!("the person stands or sits from frame {begins} on: followed from there")),
-        None => Some("the person stands or sits in no frame: no robot follows".to_owned()),
+        Ok(begins) if begins == usize::from(has_first) => None,
+        Ok(begins) => Some(format!("the person stands or sits from frame {begins} on: followed from there")),
+        Err(_) => Some("the person stands or sits in no frame: no robot follows".to_owned()),
     };
     motion.guesses.warnings.extend(lies);
     motion.guesses.warnings.extend(resample::doubt_of_rate(&motion));

@@ -51,6 +51,7 @@ pub fn certify<E>(
     every: u64,
     mut each: impl FnMut(&CertifiedRow) -> Result<(), E>,
 ) -> Result<OfflineReport, Uncertified<E>> {
+    motion.stands_from().map_err(|why| Uncertified::Refused(why.to_owned()))?;
     let options = PlayOptions { speed: 1.0, looped: false, calibration };
     let mut offline = Offline::new(loaded, motion, options).map_err(Uncertified::Settings)?;
     let limits = checker::strictest(&loaded.model);

@@ -6,7 +6,7 @@ use std::process::Command;
 /// Arguments; exit code; what the message must name, last the way out. Words that begin with `@` are files of the folder.
 type Row = (&'static str, i32, &'static [&'static str]);
 
-const ROWS: [Row; 43] = [
+const ROWS: [Row; 44] = [
     ("@none.bvh --offline @o.csv", 66, &["none.bvh", "there is no such file", "Check the path"]),
     ("@clip.fbx --offline @o.csv", 66, &["clip.fbx", "\"fbx\"", "motion files are .bvh", "`replay` plays .csv"]),
     ("@clip.bvh --map @none.toml", 66, &["none.toml: there is no such file", "Check the path"]),
@@ -41,6 +41,11 @@ const ROWS: [Row; 43] = [
     ),
     ("@clip.bvh --offline @o.csv --plot @o.csv", 64, &["--plot", "o.csv: this is --offline", "give another file"]),
     ("@clip.bvh --offline @o.csv --plot @empty", 73, &["empty is a folder", "Give the name of a file"]),
+    (
+        "@y_up.npy --up z --offline @o.csv",
+        66,
+        &["y_up.npy: in every frame", "60 degrees", "stand or sit", "replay batch"],
+    ),
     ("@clip.bvh --offline @clip.bvh", 64, &["--offline", "clip.bvh", "give another file"]),
     ("@clip.bvh --offline @o.csv --loop", 64, &["--loop does not", "give only one of them"]),
     ("@clip.bvh --offline @o.csv --frame-rate 0", 2, &["'0'", "within [0.01, 100000]", "such as 30"]),
@@ -81,6 +86,13 @@ fn every_refusal_names_place_value_bound_and_what_to_do() {
         std::fs::create_dir(folder.path().join(name)).expect("made");
     }
     std::fs::write(folder.path().join("arrays/a.npy"), "").expect("written");
+    let mut npy = Vec::new();
+    let frames = &motion::builtin().frames[..60];
+    motion::npy::write_npy_header(&mut npy, "<f4", &[60, 22, 3]).expect("written");
+    npy.extend(
+        frames.iter().flat_map(|frame| frame.positions).flat_map(|[x, y, z]| [y, z, x]).flat_map(f32::to_le_bytes),
+    );
+    std::fs::write(folder.path().join("y_up.npy"), npy).expect("written");
     let mut wrong = Vec::new();
     for (arguments, code, parts) in ROWS {
         let argument = |word: &str| word.strip_prefix('@').map_or(word.into(), |name| folder.path().join(name));

@@ -32,11 +32,12 @@ fn play(cli: &mut Cli) -> Result<(), Failure> {
     }
     let motion = read(cli)?;
     describe(&motion, cli.calibration);
+    let file = cli.file.as_deref().unwrap_or(Path::new("")).display();
+    motion.stands_from().map_err(|why| Failure::new(Exit::NoInput, format!("{file}: {why}")))?;
     match &cli.offline {
         Some(out) => offline::run(cli, &motion, out),
         None => live::run(cli, &motion),
     }?;
-    let file = cli.file.as_deref().unwrap_or(Path::new("")).display();
     let lost = |why| Failure::new(Exit::DataErr, format!("{file} is damaged or truncated: {why}; the rest was played"));
     motion.guesses.lost.as_ref().map(lost).map_or(Ok(()), Err)
 }
