@@ -73,11 +73,12 @@ struct Waiting {
     log_time: u64,
     rank: u8,
     sequence: u32,
+    /// The first channel with the same source: a merge may name one twice.
+    channel: u16,
     part: u32,
     /// Place and length in the data of its part, bytes.
     from: u32,
     bytes: u32,
-    channel: u16,
 }
 
 /// Data of a part of which messages wait.
@@ -168,7 +169,7 @@ impl<R: Read + Seek> Reader<R> {
             self.passed += 1;
             let twin = self.waiting.peek().is_some_and(|Reverse(second)| {
                 (first.log_time, first.sequence) == (second.log_time, second.sequence)
-                    && self.source(first.channel) == self.source(second.channel)
+                    && first.channel == second.channel
                     && self.data(&first) == self.data(second)
             });
             let data = if twin { Vec::new() } else { self.data(&first).to_vec() };
@@ -228,10 +229,15 @@ impl<R: Read + Seek> Reader<R> {
             self.search()?;
         }
         let before = all.len();
+        let mut firsts = BTreeMap::new();
         all.retain_mut(|one| {
-            let source = self.parts.names.channels.get(&one.channel);
-            one.rank = source.map_or(0, |(_, source)| (self.rank)(&source.topic));
-            source.is_some()
+            let channels = &self.parts.names.channels;
+            let Some((_, source)) = channels.get(&one.channel) else { return false };
+            one.rank = (self.rank)(&source.topic);
+            let first =
+                || channels.iter().find(|(_, (_, other))| other == source).map_or(one.channel, |(first, _)| *first);
+            one.channel = *firsts.entry(one.channel).or_insert_with(first);
+            true
         });
         if all.len() < before {
             let count = before - all.len();

@@ -1,4 +1,4 @@
-//! Tests recordings that unpack to too much. The tests count bytes, not seconds.
+//! Tests recordings that unpack to too much, and merged ones. The tests count bytes, not seconds.
 
 use motion::mcap::{Ending, Reader};
 use motion::{McapError, load};
@@ -81,4 +81,36 @@ fn f096_decompression_bomb_is_refused_before_unpacking() {
     std::fs::write(&path, many).expect("written");
     let error = load(&path).expect_err("a bomb").to_string();
     assert!(error.contains("bomb.mcap: decompresses to ") && error.contains("the limit is 67"), "{error}");
+}
+
+/// A merge joins two recordings of the same messages. Its second part may name its channels by numbers of their own.
+#[test]
+fn copies_in_a_merge_of_several_topics_come_once() {
+    let mut merged = Cursor::new(Vec::new());
+    let mut writer = mcap::Writer::new(&mut merged).expect("a writer");
+    for first in [1, 1, 3] {
+        for (id, topic) in [(first, "a"), (first + 1, "b")] {
+            let metadata = [("part".to_owned(), first.to_string())].into();
+            writer.add_channel_with_id(id, 0, topic, "json", &metadata).expect("a channel");
+        }
+        for time in 0..3 {
+            for channel_id in [first, first + 1] {
+                let header =
+                    mcap::records::MessageHeader { channel_id, sequence: 7, log_time: time, publish_time: time };
+                writer.write_to_known_channel(&header, b"the same").expect("written");
+            }
+        }
+        writer.flush().expect("the end of a chunk");
+    }
+    writer.finish().expect("the end");
+    drop(writer);
+    let mut reader = Reader::new(merged, |_| 0).expect("a recording");
+    let (mut read, mut times) = (Vec::new(), Vec::new());
+    while let Some(message) = reader.next_message().expect("whole") {
+        read.push(format!("{}{}", reader.source(message.channel).expect("a source").topic, message.log_time));
+        times.push(message.log_time);
+    }
+    assert!(times.is_sorted(), "{times:?}");
+    read.sort();
+    assert_eq!(read, ["a0", "a1", "a2", "b0", "b1", "b2"]);
 }
