@@ -174,6 +174,9 @@ pub fn run<D: Driver>(
         }
         if let Some(ticks) = out.suspended_ticks {
             process.stood_still(waited_for, ticks * 1_000_000_000 / TICK_HZ);
+            process.missed(ticks);
+            // It ends the pause, even if the driver latched and executes no command again.
+            timeline.add(state.follower().index());
         }
         oldest_measured_ns = oldest_measured_ns.max(now.since(state.measured().stamp));
         log_latch(&mut process.probe, state.first_latch(), &mut latched);
