@@ -16,6 +16,12 @@ pub(crate) fn refused(cause: impl std::fmt::Display) -> PyErr {
     PyValueError::new_err(cause.to_string())
 }
 
+/// Names the options of the programs as the arguments of `read_motion`.
+pub(crate) fn in_python(text: &str) -> String {
+    let text = text.replace("--frame-rate HZ", "frame_rate_hz").replace("--frame-rate", "frame_rate_hz");
+    text.replace(" --", " ").replace("(--", "(")
+}
+
 /// Returns the error of a file that cannot be read.
 pub(crate) fn unread(cause: impl std::fmt::Display) -> PyErr {
     PyOSError::new_err(cause.to_string())

@@ -1,6 +1,6 @@
 //! Motions of a person: from files, and from arrays.
 
-use crate::arrays::{array, computed, refused, unread};
+use crate::arrays::{array, computed, in_python, refused, unread};
 use messages::SMPL_JOINTS;
 use motion::{CalibrationMode, Frame, LoadOptions, MotionError};
 use numpy::{PyArrayDyn, PyReadonlyArray3, PyUntypedArrayMethods};
@@ -94,13 +94,16 @@ pub(crate) fn read_motion(
     frame_rate_hz: Option<f64>,
     up: Option<&str>,
     mirror: bool,
+    files: [Option<PathBuf>; 3],
 ) -> PyResult<Motion> {
     let up = up.map(|axis| axis.parse().map_err(|cause| refused(format!("up = {axis:?}: {cause}")))).transpose()?;
-    let options = LoadOptions { mirror, frame_rate_hz, up, ..LoadOptions::default() };
+    let [mean, std, map] = files;
+    let options = LoadOptions { mirror, frame_rate_hz, up, mean, std, map };
     let loaded = computed(py, |_| motion::load_with(&path, &options))?;
-    let motion = loaded.map_err(|error| match error {
+    let mut motion = loaded.map_err(|error| match error {
         MotionError::Io { file, source } => unread(rt::unreadable(file.as_ref(), &source)),
-        error => refused(error),
+        error => refused(in_python(&error.to_string())),
     })?;
+    motion.guesses.warnings.iter_mut().for_each(|warning| *warning = in_python(warning));
     Ok(Motion { motion: Arc::new(motion) })
 }

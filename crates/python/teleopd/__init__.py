@@ -345,17 +345,20 @@ def certify(
 
 
 def read_motion(
-    path: str | os.PathLike[str], *, frame_rate_hz: float | None = None, up: str | None = None, mirror: bool = False
+    path: str | os.PathLike[str], *, frame_rate_hz: float | None = None, up: str | None = None, mirror: bool = False,
+    mean: str | os.PathLike[str] | None = None, std: str | os.PathLike[str] | None = None,
+    map: str | os.PathLike[str] | None = None,
 ) -> Motion:
     """The motion of a file that `replay` reads: .bvh, .npy (HumanML3D), .npz (AMASS), .mcap; or "builtin", "pick-and-place".
 
     frame_rate_hz: in place of the file's. up: "y" or "z", the axis that points up in an array. mirror: mirrors the person back.
+    mean, std: files of the statistics of normalised features. map: a TOML file with names of joints. They are the options of `replay`.
 
         >>> motion = read_motion("builtin")
         >>> motion.positions.shape, motion.rate_hz
         ((1314, 22, 3), 60.0)
     """
-    return Motion._of(_native.read_motion(os.fspath(path), frame_rate_hz, up, mirror))
+    return Motion._of(_native.read_motion(os.fspath(path), frame_rate_hz, up, mirror, [mean, std, map]))
 
 
 @dataclass(frozen=True)

@@ -99,6 +99,12 @@ refused(ValueError, ["none_such", "tiago_dual"], lambda: teleopd.Robot("none_suc
 refused(ValueError, ["refinement_steps = 999"], lambda: teleopd.Retargeter(robot, 999))
 refused(ValueError, ["clip.bvh"], lambda: teleopd.read_recording(clip))
 refused(OSError, ["none.bvh"], lambda: teleopd.read_motion(folder / "none.bvh"))
+# They name arguments of Python, and no option of a command.
+refused(ValueError, ["clip.bvh: up is for .npy, .npz files"], lambda: teleopd.read_motion(clip, up="z"))
+refused(ValueError, ["give the true one: frame_rate_hz"], lambda: teleopd.read_motion(clip, frame_rate_hz=0))
+refused(OSError, ["none.toml"], lambda: teleopd.read_motion(clip, map=folder / "none.toml"))
+lying = teleopd.Motion(motion.positions[..., [2, 1, 0]] * [1, 1, -1])
+refused(ValueError, ["array: ", "60 degrees", "a person who lies"], lambda: teleopd.certify(lying, robot))
 
 # The lock is released: this thread goes on while another one computes.
 worker = threading.Thread(target=lambda: teleopd.certify(motion, robot))
