@@ -94,7 +94,7 @@ impl Canonical {
         let warning = match unit {
             "m" if looks == up => None,
             "m" => Some(format!(
-                "the person stands along {looks}, though {up} is taken as up (replay and batch take --up y or --up z)"
+                "the person stands along {looks}, though {up} is taken as up (--up y and --up z change it)"
             )),
             _ => Some(format!("limb lengths in metres are implausible: uses unit {unit}")),
         };

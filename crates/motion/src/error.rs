@@ -10,7 +10,8 @@ pub enum MotionError {
     #[error("{file}: {source}")]
     Io { file: String, source: std::io::Error },
     #[error(
-        "{file}: extension \"{extension}\" is unknown; motion files are .bvh, .npy, .npz and .mcap, and `replay` plays .csv, too"
+        "{file}: extension \"{extension}\" is unknown; motion files are .bvh, .npy, .npz and .mcap, and `replay` plays .csv, too: \
+         export it as BVH, or save positions (N, 22, 3) by numpy.save"
     )]
     UnknownFormat { file: String, extension: String },
     #[error("{file}: {option} is for .{extensions} files; leave it out")]

@@ -21,8 +21,8 @@ pub enum MirrorError {
     },
     /// Shoulders and hips disagree.
     #[error(
-        "shoulders and hips disagree on where left is (sides {sides:.2}): one pair's names are swapped; name them in a file for \
-         --map"
+        "shoulders and hips disagree on where left is (sides {sides:.2}): one pair is swapped; correct the array, or name a BVH's \
+         joints in a file for --map"
     )]
     Swapped {
         /// Mean cosine between the lines of shoulders and hips.

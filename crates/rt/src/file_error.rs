@@ -42,6 +42,7 @@ pub fn unreadable(path: &Path, error: &Error) -> String {
             format!("{name}: Permission denied. Run this as the user who may read it (ls -l {name})")
         }
         ErrorKind::IsADirectory => format!("{name} is a folder. Give the name of a file"),
+        ErrorKind::NotADirectory => format!("{name}: a file is where a folder must be. Check the path"),
         _ => format!("{name}: {error}"),
     }
 }

@@ -18,8 +18,10 @@ pub use run::{Summary, run};
 use rt::{Exit, Failure};
 use std::path::Path;
 
-/// Returns a function for `map_err` that names a file or a folder, and what could not be done with it.
+/// Returns a function for `map_err` that names a file or a folder, and what to do about it.
 fn failed(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Failure {
-    let exit = if action == "read" { Exit::NoInput } else { Exit::CantCreate };
-    move |error| Failure::new(exit, format!("{}: cannot {action}: {error}", path.display()))
+    move |error| match action {
+        "read" => Failure::new(Exit::NoInput, rt::unreadable(path, &error)),
+        _ => Failure::unwritable(path, &error),
+    }
 }
