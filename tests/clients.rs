@@ -89,7 +89,22 @@ fn camera_client_with_a_video_moves_the_robot() {
     });
 }
 
-/// The first program of the book's chapter on policies leads an arm, and its end stops the robot.
+/// A second policy, which sends more than its quota.
+const SECOND: &str = "\
+import sys, time
+from teleopd_client import CHUNK_DROPS, Policy
+with Policy(sys.argv[1]) as policy:
+    rows = [policy.observe().commanded[:len(policy.joints)]]
+    for _ in range(500):
+        policy.publish(rows, rate_hz=20)
+        time.sleep(0.001)
+    why = [policy.dropped().split(':')[0]]
+    counts = zip(CHUNK_DROPS, policy.observe().chunks_dropped)
+    print(sorted(why + [reason.split(':')[0] for reason, count in counts if count]))
+";
+
+/// The first program of the book's chapter on policies leads an arm. A second one changes nothing, and reads why. The end of
+/// the first one stops the robot.
 #[test]
 fn f138_policy_of_the_book_leads_until_it_ends() {
     let book = std::fs::read_to_string(repository().join("docs/src/policies.md")).expect("the chapter");
@@ -106,10 +121,19 @@ fn f138_policy_of_the_book_leads_until_it_ends() {
         observer.wait_moved(&before, 0.05);
         let both = source_flag::POLICY[0] | source_flag::POLICY[1];
         operator.wait("led by the policy", |status| status.sources == both);
+        let second = Command::new(&python).args(["-c", SECOND]).arg(rig.folder()).output().expect("it runs");
+        let printed = String::from_utf8_lossy(&second.stdout).replace('"', "'");
+        let refused = ["['lease', 'lease', 'quota']\n", "['lease', 'quota', 'quota']\n"];
+        assert!(refused.contains(&&*printed), "{printed}{}", harness::stderr(&second));
+        operator.wait("led by the first one", |status| status.sources == both);
         drop(script);
         operator.wait_stopped();
         rig.end("control");
         rig.end_without_violations();
+        let figures = rig.end("ingest");
+        let chunks = |path: &str| figures.pointer(path).and_then(serde_json::Value::as_u64).unwrap_or_default();
+        let dropped = chunks("/chunks/dropped/lease") + chunks("/chunks/dropped/quota");
+        assert!(chunks("/chunks/accepted") > 20 && dropped > 100, "{figures:#}");
     });
 }
 

@@ -19,28 +19,16 @@ pub struct PolicyState {
     session_nonce: u64,
     sequence: u64,
     stamp: Stamp,
-    accepted: u64,
-    dropped: u64,
 }
 
 impl PolicyState {
-    /// Number of chunks that were accepted, and that were dropped.
-    pub const fn counts(&self) -> [u64; 2] {
-        [self.accepted, self.dropped]
-    }
-
     /// Judges a chunk for `robot` that arrived at `now`. Returns it with its time of arrival, or the reason for which it is
     /// dropped. Never allocates, blocks or panics, whatever the bits.
     ///
     /// # Errors
-    /// Returns the first reason that holds, in the order of `ChunkDrop`.
+    /// Returns the first reason that holds, in the order of `ChunkDrop`. Lease and quota are judged before.
     pub fn judge(&mut self, robot: RobotId, now: Stamp, chunk: &PolicyChunk) -> Result<PolicyChunk, ChunkDrop> {
-        let reason = self.refusal(robot, now, chunk);
-        if let Some(reason) = reason {
-            self.dropped += 1;
-            return Err(reason);
-        }
-        self.accepted += 1;
+        self.refusal(robot, now, chunk).map_or(Ok(()), Err)?;
         (self.session_nonce, self.sequence, self.stamp) =
             (chunk.session_nonce, chunk.header.sequence, chunk.header.stamp);
         Ok(PolicyChunk { received: now, ..*chunk })
@@ -138,7 +126,6 @@ mod tests {
             assert_eq!(state.judge(ROBOT, NOW, &bad), Err(reason), "case {index}");
         }
         assert!(state.judge(ROBOT, NOW, &chunk()).is_ok());
-        assert_eq!(state.counts(), [2, 18]);
         // What no bit of the mask names may be anything.
         let mut other = PolicyChunk { session_nonce: 4, ..chunk() };
         (other.q[0][5], other.q[9][0], other.header.sequence) = (f32::NAN, f32::NAN, 1);

@@ -67,6 +67,8 @@ crate::named! {
         Order = 3 => "order": "sequence and stamp must grow within a session; count on, or begin a new session",
         Old = 4 => "old": "its last row is over, or comes more than 10 s after its observation; send shorter chunks sooner",
         Future = 5 => "future": "its start is more than 1 s ahead, or its observation is; stamp with CLOCK_MONOTONIC in ns",
+        Lease = 6 => "lease": "another policy holds the lease, or held it when this session began; begin a new session after it",
+        Quota = 7 => "quota": "its publisher sends more than 250 chunks a second; send fewer",
     }
 }
 
@@ -82,7 +84,7 @@ pub mod joints_flag {
 
 message! {
     /// The joints of the robot, 100 times a second, for policies and for programs that watch.
-    pub struct Joints v 1 size 1048 {
+    pub struct Joints v 2 size 1104 {
         /// `stamp` says how old it is. `origin` is that of the executed command.
         pub header: Header,
         /// The robot whose joints these are.
@@ -97,8 +99,8 @@ message! {
         pub known: u32,
         /// Reason plus one for which the newest chunk was dropped, if that was within the last second: a `ChunkDrop`.
         pub chunk_dropped_why: u32,
-        /// Chunks that were dropped since start.
-        pub chunks_dropped: u64,
+        /// Chunks that were dropped since start, indexed by `ChunkDrop`.
+        pub chunks_dropped: [u64; 8],
         /// Executed joint positions, rad or m.
         pub commanded: [f64; JOINTS_MAX],
         /// Executed joint velocities, rad/s or m/s.

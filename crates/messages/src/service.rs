@@ -99,7 +99,7 @@ pub const SERVICES: [ServiceRow; 14] = [
     row(Service::PolicyChunk, "teleop/policy_chunk/1", Domain::Input, "policy", 8, 240, 0),
     row(Service::Policy, "teleop/policy/1", Domain::Core, "ingest", 1, 240, 0),
     row(Service::PolicyTarget, "teleop/policy_target/7", Domain::Core, "retarget", 1, 1500, 10),
-    row(Service::Joints, "teleop/joints/1", Domain::Input, "ingest", 1, 100, 0),
+    row(Service::Joints, "teleop/joints/2", Domain::Input, "ingest", 1, 100, 0),
 ];
 
 impl Service {

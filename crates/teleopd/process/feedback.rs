@@ -1,7 +1,7 @@
 //! The thread of `ingest` that tells clients about the robot, on shared memory and through the socket: the joints 100 times a
 //! second, and what a person can feel 20 times a second. The loop never waits for it.
 
-use super::bus_failure;
+use super::{Process, bus_failure};
 use bus::{Domain, Reader, Writer};
 use instance::Instance;
 use messages::{
@@ -26,20 +26,28 @@ const SILENT_NS: u64 = 500_000_000;
 /// The newest feedback that the socket has not sent yet.
 type Slot = Mutex<Option<Feedback>>;
 
-/// The newest chunk of a policy that was dropped: time, reason plus one, and number of them.
+/// Chunks of policies that were dropped: the time of the newest, its reason plus one, and how many there were of each reason.
 #[derive(Default)]
-struct Dropped([AtomicU64; 3]);
+pub struct Dropped([AtomicU64; 2], [AtomicU64; ChunkDrop::ALL.len()]);
 
 impl Dropped {
-    fn is_recent(&self, now: Stamp) -> bool {
-        now.since(Stamp(self.0[0].load(Ordering::Relaxed))) <= DROPPED_NOW_NS
+    /// Adds a chunk. Returns true if none was dropped within the second before.
+    pub fn add(&self, now: Stamp, reason: ChunkDrop) -> bool {
+        self.1[reason as usize].fetch_add(1, Ordering::Relaxed);
+        self.0[1].store(reason as u64 + 1, Ordering::Relaxed);
+        now.since(Stamp(self.0[0].swap(now.0, Ordering::Relaxed))) > DROPPED_NOW_NS
+    }
+
+    /// Number of chunks for each `ChunkDrop`.
+    pub fn counts(&self) -> [u64; ChunkDrop::ALL.len()] {
+        self.1.each_ref().map(|count| count.load(Ordering::Relaxed))
     }
 }
 
 /// The running thread. It ends, and leaves nothing in shared memory, when this is dropped.
 pub struct FeedbackThread {
     slot: Arc<Slot>,
-    dropped: Arc<Dropped>,
+    pub dropped: Arc<Dropped>,
     _thread: Option<Background>,
 }
 
@@ -48,25 +56,14 @@ impl FeedbackThread {
     pub fn take(&self) -> Option<Feedback> {
         self.slot.try_lock().ok()?.take()
     }
-
-    /// Reports that a chunk was dropped, the `count`th one.
-    pub fn drop_chunk(&self, now: Stamp, reason: ChunkDrop, count: u64) {
-        for (place, value) in self.dropped.0.iter().zip([now.0, reason as u64 + 1, count]) {
-            place.store(value, Ordering::Relaxed);
-        }
-    }
-
-    /// Returns true if a chunk was dropped within the last second.
-    pub fn dropped_lately(&self, now: Stamp) -> bool {
-        self.dropped.is_recent(now)
-    }
 }
 
 /// Starts the thread. Skeletons do not depend on it: if it cannot start, for example because a
 /// client has taken the service's place, `ingest` says so and goes on without.
-pub fn start(instance: &Instance, model: Model, header: Header) -> FeedbackThread {
+pub fn start(process: &Process) -> FeedbackThread {
     let (slot, dropped) = (Arc::new(Slot::default()), Arc::new(Dropped::default()));
-    let (own, drops, instance) = (slot.clone(), dropped.clone(), instance.clone());
+    let (own, drops, instance) = (slot.clone(), dropped.clone(), process.instance.clone());
+    let (model, header) = (process.loaded.model.clone(), process.header(0, Stamp::NONE, Stamp::NONE));
     let work = move |ends: &AtomicBool| match Ports::open(&instance) {
         Ok(ports) => run(ports, &model, header, (&own, &drops), ends),
         Err(failure) => tracing::warn!("clients get no feedback: {failure}"),
@@ -133,10 +130,10 @@ fn run(mut ports: Ports, model: &Model, mut header: Header, (slot, drops): (&Slo
         let policy = policy.as_ref().filter(|policy| fresh(&policy.header) && policy.session_nonce != 0);
         let mut joints = joints(model, status, state, policy);
         joints.header = header;
-        if drops.is_recent(now) {
+        if now.since(Stamp(drops.0[0].load(Ordering::Relaxed))) <= DROPPED_NOW_NS {
             joints.chunk_dropped_why = drops.0[1].load(Ordering::Relaxed) as u32;
         }
-        joints.chunks_dropped = drops.0[2].load(Ordering::Relaxed);
+        joints.chunks_dropped = drops.counts();
         // Nobody may listen. The next one comes in 10 ms.
         let _ = ports.joints.publish(&joints);
         if round % FEEDBACK_EVERY != 0 {

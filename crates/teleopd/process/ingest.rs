@@ -2,14 +2,16 @@
 //! the daemon's own user connect by shared memory, other users' clients by a socket.
 
 use super::feedback::FeedbackThread;
+use super::lease::Lease;
 use super::{Process, bus_failure, door_group};
 use crate::cli::InstanceArgs;
-use bus::{Domain, PublisherId, Sample, WakingReader, Writer};
+use bus::{Domain, Sample, WakingReader, Writer};
 use config::{HandOff, Operators};
-use doors::{Bucket, DoorError, FrameSource, LeaseState, Reply, Server, SocketEvent, draw_nonce};
-use ingest::{Authority, ClientIdentity, PolicyState};
+use doors::{DoorError, FrameSource, LeaseState, Reply, Server, SocketEvent};
+use ingest::{ClientIdentity, PolicyState};
 use messages::{
-    InputStatus, Layout, PolicyChunk, RawSkeleton, RobotId, Service, Skeleton, Stamp, TICK_HZ, deadline, tick_at,
+    ChunkDrop, InputStatus, Layout, PolicyChunk, RawSkeleton, RobotId, Service, Skeleton, Stamp, TICK_HZ, deadline,
+    tick_at,
 };
 use rt::{Exit, Failure};
 use serde_json::json;
@@ -20,8 +22,6 @@ use telemetry::{Counter, Event, Metric};
 /// Longest wait for input before the loop continues: a tenth of the shortest lease timeout.
 const WAIT: Duration = Duration::from_millis(10);
 
-/// Logs the first frame of a client without the lease, then every 600th: once in ten seconds at 60 Hz.
-const LOGGED_EVERY: u64 = 600;
 /// Time between two `InputStatus`: ten a second.
 const STATUS_EVERY_NS: u64 = 100_000_000;
 /// Half a period of the tick grid, ns.
@@ -42,15 +42,9 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     // Left behind by a killed end of a link. The sockets here are this instance's now.
     let _ = std::fs::remove_file(process.instance.run_dir().join(doors::LINK_FILE));
 
-    let header = process.header(0, Stamp::NONE, Stamp::NONE);
-    let feedback = super::feedback::start(&process.instance, process.loaded.model.clone(), header);
-
+    let timeout_ms = process.loaded.settings.ingest.authority_timeout_ms;
     let mut ingest_loop = IngestLoop {
-        authority: Authority::default(),
-        session_nonce: 0,
-        quotas: Quotas::default(),
-        uid: rustix::process::geteuid().as_raw(),
-        timeout_ns: (process.loaded.settings.ingest.authority_timeout_ms * 1e6) as u64,
+        lease: Lease::new(timeout_ms),
         config: world::input_config(
             &process.loaded.settings.ingest,
             process.loaded.layouts.clone(),
@@ -63,7 +57,14 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         dropped: Dropped::since(rt::now()),
         statuses,
         status: InputStatus::ZERO,
-        policy: PolicyDoor::open(&core, process.loaded.model.id())?,
+        policy: PolicyDoor {
+            lease: Lease::new(timeout_ms),
+            state: PolicyState::default(),
+            robot: process.loaded.model.id(),
+            chunks: core.writer(Service::Policy).map_err(bus_failure)?,
+            sequence: 0,
+            feedback: super::feedback::start(&process),
+        },
     };
     let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
     process.ready()?;
@@ -77,18 +78,17 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
             wait(&mut clients, &socket);
         }
         let now = rt::now();
-        ingest_loop.look(now);
-        let held = ingest_loop.authority.is_held(now, ingest_loop.timeout_ns);
+        ingest_loop.lease.authority.look(now);
+        ingest_loop.policy.lease.authority.look(now);
+        let held = ingest_loop.lease.is_held(now);
         socket.poll(now, held, |from, frame| ingest_loop.receive_packet(&mut process, from, frame));
         rt::allocating_aside(|| {
             clients.drain(|sample| rt::allocating_ourselves(|| ingest_loop.receive_sample(&mut process, &sample)))
         });
         rt::allocating_aside(|| {
-            chunks.drain(|sample| {
-                rt::allocating_ourselves(|| ingest_loop.receive_chunk(&mut process, &feedback, &sample))
-            })
+            chunks.drain(|sample| rt::allocating_ourselves(|| ingest_loop.policy.receive(&mut process, &sample)))
         });
-        if let Some(feedback) = feedback.take() {
+        if let Some(feedback) = ingest_loop.policy.feedback.take() {
             socket.feed_back(&feedback);
         }
         ingest_loop.report(&mut process, &mut socket);
@@ -111,38 +111,9 @@ fn wait(clients: &mut WakingReader<RawSkeleton>, socket: &Server) {
     rt::allocating_aside(|| clients.wait_also(wait, &descriptors[..count]));
 }
 
-/// Token buckets of the publishers on shared memory. There are as many as possible writers.
-#[derive(Default)]
-struct Quotas {
-    publishers: [(Option<PublisherId>, Bucket, Stamp); Service::RawSkeleton.row().writers_max],
-    over: u64,
-}
-
-impl Quotas {
-    /// Returns true if `publisher` has a token left. A new publisher replaces the one that was silent longest.
-    fn admits(&mut self, now: Stamp, publisher: PublisherId) -> bool {
-        let known = self.publishers.iter().position(|(id, ..)| *id == Some(publisher));
-        let oldest = (0..self.publishers.len()).min_by_key(|&i| self.publishers[i].2).unwrap_or_default();
-        let place = &mut self.publishers[known.unwrap_or(oldest)];
-        if known.is_none() {
-            *place = (Some(publisher), Bucket::default(), now);
-        }
-        place.2 = now;
-        let admitted = place.1.admit(now);
-        self.over += u64::from(!admitted);
-        admitted
-    }
-}
-
 /// Processing of a frame after its arrival: lease, validation, the core domain.
 struct IngestLoop {
-    authority: Authority,
-    /// Session of the lease, drawn at random here. The core knows the lease by it, so no client can continue
-    /// another's session.
-    session_nonce: u64,
-    quotas: Quotas,
-    uid: u32,
-    timeout_ns: u64,
+    lease: Lease,
     config: ingest::Config,
     state: ingest::State,
     skeletons: Writer<Skeleton>,
@@ -155,27 +126,36 @@ struct IngestLoop {
 
 /// The door of policies, with a lease of its own.
 struct PolicyDoor {
-    authority: Authority,
-    /// Session of the lease, drawn at random here, as that of the skeletons.
-    session_nonce: u64,
-    quotas: Quotas,
+    lease: Lease,
     state: PolicyState,
     robot: RobotId,
     chunks: Writer<PolicyChunk>,
     sequence: u64,
+    feedback: FeedbackThread,
 }
 
 impl PolicyDoor {
-    fn open(core: &Domain, robot: RobotId) -> Result<Self, Failure> {
-        Ok(Self {
-            authority: Authority::default(),
-            session_nonce: 0,
-            quotas: Quotas::default(),
-            state: PolicyState::default(),
-            robot,
-            chunks: core.writer(Service::Policy).map_err(bus_failure)?,
-            sequence: 0,
-        })
+    /// Passes on a chunk of the policy that holds the lease. Any other is counted, and reported to policies and to the log.
+    fn receive(&mut self, process: &mut Process, sample: &Sample<PolicyChunk>) {
+        let (now, raw) = (rt::now(), &sample.message);
+        let judged = match self.lease.claim(now, sample, raw.session_nonce) {
+            None => Err(ChunkDrop::Quota),
+            Some(claim) if !self.lease.admits(process, now, claim, "policies") => Err(ChunkDrop::Lease),
+            Some(_) => self.state.judge(self.robot, now, raw),
+        };
+        match judged {
+            Ok(chunk) => {
+                self.sequence += 1;
+                let header = process.header(self.sequence, rt::now(), chunk.header.origin);
+                let chunk = PolicyChunk { header, session_nonce: self.lease.session_nonce, ..chunk };
+                process.publish(&mut self.chunks, &chunk);
+            }
+            Err(reason) if self.feedback.dropped.add(now, reason) => {
+                let (reason, meaning) = (reason.name(), reason.meaning());
+                process.probe.event(Event::Dropped { frames: 1, reason, meaning });
+            }
+            Err(_) => {}
+        }
     }
 }
 
@@ -215,22 +195,9 @@ impl Dropped {
 }
 
 impl IngestLoop {
-    /// Tells both leases that `ingest` runs at `now`.
-    fn look(&mut self, now: Stamp) {
-        self.authority.look(now);
-        self.policy.authority.look(now);
-    }
-
     fn receive_sample(&mut self, process: &mut Process, sample: &Sample<RawSkeleton>) {
         let now = rt::now();
-        if self.quotas.admits(now, sample.publisher) {
-            let claim = ClientIdentity {
-                door: ingest::Door::SharedMemory,
-                uid: self.uid,
-                pid: sample.process,
-                port: sample.publisher.0,
-                session_nonce: sample.message.session_nonce,
-            };
+        if let Some(claim) = self.lease.claim(now, sample, sample.message.session_nonce) {
             self.process_frame(process, now, claim, &sample.message);
         }
     }
@@ -249,20 +216,14 @@ impl IngestLoop {
     /// Returns true if the frame's session holds the lease.
     fn process_frame(&mut self, process: &mut Process, now: Stamp, claim: ClientIdentity, raw: &RawSkeleton) -> bool {
         process.probe.record(Metric::PublishedToIngest, raw.header.stamp, now);
-        let grants = self.authority.grants();
-        if !self.authority.admits_claim(now, claim, self.timeout_ns) {
-            let frames = self.authority.frames_refused();
-            if frames % LOGGED_EVERY == 1 {
-                process.probe.event(Event::WithoutAuthority { frames });
-            }
+        let session = self.lease.session_nonce;
+        if !self.lease.admits(process, now, claim, claim.door.name()) {
             return false;
         }
-        if self.authority.grants() != grants {
-            self.session_nonce = draw_nonce();
-            process.probe.event(Event::Lease { door: claim.door.name(), uid: claim.uid, pid: claim.pid });
+        if self.lease.session_nonce != session {
             self.reread_operators(process);
         }
-        let raw = RawSkeleton { session_nonce: self.session_nonce, ..*raw };
+        let raw = RawSkeleton { session_nonce: self.lease.session_nonce, ..*raw };
         let out = ingest::tick(&self.config, &mut self.state, now, &raw);
         (self.status.layout, self.status.operator_id, self.status.flags) = (raw.layout, raw.operator_id, raw.flags);
         let Some(person) = out.skeleton else {
@@ -276,37 +237,6 @@ impl IngestLoop {
         process.publish(&mut self.skeletons, &Skeleton { header, ..person });
         process.probe.record(Metric::IngestWork, now, stamp);
         true
-    }
-
-    /// Passes on a chunk of the policy that holds the lease.
-    fn receive_chunk(&mut self, process: &mut Process, feedback: &FeedbackThread, sample: &Sample<PolicyChunk>) {
-        let (now, door, raw) = (rt::now(), &mut self.policy, &sample.message);
-        let (pid, port) = (sample.process, sample.publisher.0);
-        let door_name = ingest::Door::SharedMemory;
-        let claim = ClientIdentity { door: door_name, uid: self.uid, pid, port, session_nonce: raw.session_nonce };
-        let grants = door.authority.grants();
-        if !door.quotas.admits(now, sample.publisher) || !door.authority.admits_claim(now, claim, self.timeout_ns) {
-            return;
-        }
-        if door.authority.grants() != grants {
-            door.session_nonce = draw_nonce();
-            process.probe.event(Event::Lease { door: "policies", uid: claim.uid, pid });
-        }
-        match door.state.judge(door.robot, now, raw) {
-            Ok(chunk) => {
-                door.sequence += 1;
-                let header = process.header(door.sequence, rt::now(), chunk.header.origin);
-                let chunk = PolicyChunk { header, session_nonce: door.session_nonce, ..chunk };
-                process.publish(&mut door.chunks, &chunk);
-            }
-            Err(reason) => {
-                if !feedback.dropped_lately(now) {
-                    let (name, meaning) = (reason.name(), reason.meaning());
-                    process.probe.event(Event::Dropped { frames: 1, reason: name, meaning });
-                }
-                feedback.drop_chunk(now, reason, door.state.counts()[1]);
-            }
-        }
     }
 
     /// Reads the operators' files again. This happens when a lease begins, while no robot moves. New measurements
@@ -339,8 +269,10 @@ impl IngestLoop {
 
     fn report(&mut self, process: &mut Process, socket: &mut Server) {
         let counters = process.probe.counters();
-        counters.set(Counter::WithoutAuthority, self.authority.frames_refused());
-        counters.set(Counter::OverQuota, self.quotas.over + socket.over_quota());
+        let leases = [&self.lease, &self.policy.lease];
+        counters.set(Counter::WithoutAuthority, leases.map(|lease| lease.authority.frames_refused()).iter().sum());
+        let over_quota: u64 = leases.map(|lease| lease.over_quota).iter().sum();
+        counters.set(Counter::OverQuota, over_quota + socket.over_quota());
         let refused = Reply::ALL.into_iter().filter(|word| word.is_refusal());
         counters.set(Counter::Refused, refused.map(|word| socket.reply_count(word)).sum());
         counters.set(Counter::Outliers, self.state.outliers());
@@ -356,8 +288,10 @@ impl IngestLoop {
 
     fn figures(&self, socket: &Server) -> serde_json::Value {
         let reasons = DropReason::ALL.iter().map(|&reason| (reason.name(), self.state.skeleton.dropped(reason)));
+        let dropped = self.policy.feedback.dropped.counts();
+        let drops = ChunkDrop::ALL.iter().map(|&reason| (reason.name(), dropped[reason as usize]));
         let words = Reply::ALL.into_iter().map(|word| (word.name(), socket.reply_count(word)));
-        let holder = self.authority.holder().map(|claim| {
+        let holder = self.lease.authority.holder().map(|claim| {
             let ClientIdentity { door, uid, pid, .. } = claim;
             json!({ "door": door.name(), "uid": uid, "pid": pid })
         });
@@ -365,12 +299,12 @@ impl IngestLoop {
             "accepted": self.state.skeleton.accepted(),
             "dropped": counted(reasons),
             "outliers": self.state.outliers(),
-            "without_authority": self.authority.frames_refused(),
-            "over_quota": { "shared memory": self.quotas.over, "socket": socket.over_quota() },
-            "leases": self.authority.grants(),
+            "without_authority": self.lease.authority.frames_refused(),
+            "over_quota": { "shared memory": self.lease.over_quota, "socket": socket.over_quota() },
+            "leases": self.lease.authority.grants(),
             "holder": holder,
             "connections": counted(words),
-            "chunks": { "accepted": self.policy.state.counts()[0], "dropped": self.policy.state.counts()[1] },
+            "chunks": { "accepted": self.policy.sequence, "dropped": counted(drops) },
         })
     }
 }

@@ -13,6 +13,7 @@ pub mod targets;
 
 mod feedback;
 mod housekeeping;
+mod lease;
 
 use crate::children::instance_in;
 use crate::cli::InstanceArgs;

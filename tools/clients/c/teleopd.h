@@ -94,7 +94,7 @@
 #define TELEOP_MODE_RECOVERING 5
 /* the service that policies write, and the one that has the joints */
 #define TELEOP_POLICY_SERVICE "teleop/policy_chunk/1"
-#define TELEOP_JOINTS_SERVICE "teleop/joints/1"
+#define TELEOP_JOINTS_SERVICE "teleop/joints/2"
 /* the service that tells clients about the robot */
 #define TELEOP_FEEDBACK_SERVICE "teleop/feedback/1"
 /* the service that clients write, and the one that wakes its reader */
@@ -242,15 +242,15 @@ typedef struct teleop_joints {
     uint32_t sources;
     uint32_t known;
     uint32_t chunk_dropped_why;
-    uint64_t chunks_dropped;
+    uint64_t chunks_dropped[8];
     double commanded[TELEOP_JOINTS_MAX];
     double commanded_v[TELEOP_JOINTS_MAX];
     double measured[TELEOP_JOINTS_MAX];
     double measured_v[TELEOP_JOINTS_MAX];
     double short_of[TELEOP_JOINTS_MAX];
 } teleop_joints;
-#define TELEOP_JOINTS_TYPE_NAME "teleop.Joints.v1.365b95fb8b788bcd"
-TELEOP_ASSERT(sizeof(teleop_joints) == 1048, "teleop_joints");
+#define TELEOP_JOINTS_TYPE_NAME "teleop.Joints.v2.e74329851af83f2e"
+TELEOP_ASSERT(sizeof(teleop_joints) == 1104, "teleop_joints");
 TELEOP_ASSERT(offsetof(teleop_joints, header) == 0, "header");
 TELEOP_ASSERT(offsetof(teleop_joints, robot) == 40, "robot");
 TELEOP_ASSERT(offsetof(teleop_joints, k) == 56, "k");
@@ -259,11 +259,11 @@ TELEOP_ASSERT(offsetof(teleop_joints, sources) == 68, "sources");
 TELEOP_ASSERT(offsetof(teleop_joints, known) == 72, "known");
 TELEOP_ASSERT(offsetof(teleop_joints, chunk_dropped_why) == 76, "chunk_dropped_why");
 TELEOP_ASSERT(offsetof(teleop_joints, chunks_dropped) == 80, "chunks_dropped");
-TELEOP_ASSERT(offsetof(teleop_joints, commanded) == 88, "commanded");
-TELEOP_ASSERT(offsetof(teleop_joints, commanded_v) == 280, "commanded_v");
-TELEOP_ASSERT(offsetof(teleop_joints, measured) == 472, "measured");
-TELEOP_ASSERT(offsetof(teleop_joints, measured_v) == 664, "measured_v");
-TELEOP_ASSERT(offsetof(teleop_joints, short_of) == 856, "short_of");
+TELEOP_ASSERT(offsetof(teleop_joints, commanded) == 144, "commanded");
+TELEOP_ASSERT(offsetof(teleop_joints, commanded_v) == 336, "commanded_v");
+TELEOP_ASSERT(offsetof(teleop_joints, measured) == 528, "measured");
+TELEOP_ASSERT(offsetof(teleop_joints, measured_v) == 720, "measured_v");
+TELEOP_ASSERT(offsetof(teleop_joints, short_of) == 912, "short_of");
 
 /* A frame's flags with the closure of the left and of the right hand, 0 (open) to 1 (closed). NAN for a hand that is not
  * known. */

@@ -87,7 +87,7 @@ FEEDBACK_SERVICE = "teleop/feedback/1"
 #: name of the service that policies write
 POLICY_SERVICE = "teleop/policy_chunk/1"
 #: name of the service that has the joints
-JOINTS_SERVICE = "teleop/joints/1"
+JOINTS_SERVICE = "teleop/joints/2"
 #: reasons for which a chunk is dropped: `Joints.chunk_dropped_why` less one
 CHUNK_DROPS = (
     "other_robot: it is for another robot; copy `robot` from the newest `Joints`",
@@ -96,6 +96,8 @@ CHUNK_DROPS = (
     "order: sequence and stamp must grow within a session; count on, or begin a new session",
     "old: its last row is over, or comes more than 10 s after its observation; send shorter chunks sooner",
     "future: its start is more than 1 s ahead, or its observation is; stamp with CLOCK_MONOTONIC in ns",
+    "lease: another policy holds the lease, or held it when this session began; begin a new session after it",
+    "quota: its publisher sends more than 250 chunks a second; send fewer",
 )
 #: frames a second that a client may publish at most
 RATE_MAX_HZ = 240
@@ -250,7 +252,7 @@ class Joints(ctypes.Structure):
         ("sources", ctypes.c_uint32),
         ("known", ctypes.c_uint32),
         ("chunk_dropped_why", ctypes.c_uint32),
-        ("chunks_dropped", ctypes.c_uint64),
+        ("chunks_dropped", ctypes.c_uint64 * 8),
         ("commanded", ctypes.c_double * JOINTS_MAX),
         ("commanded_v", ctypes.c_double * JOINTS_MAX),
         ("measured", ctypes.c_double * JOINTS_MAX),
@@ -261,7 +263,7 @@ class Joints(ctypes.Structure):
     @staticmethod
     def type_name():
         """The name under which the transport knows the layout."""
-        return "teleop.Joints.v1.365b95fb8b788bcd"
+        return "teleop.Joints.v2.e74329851af83f2e"
 
 
-assert ctypes.sizeof(Joints) == 1048
+assert ctypes.sizeof(Joints) == 1104
