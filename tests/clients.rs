@@ -127,6 +127,11 @@ fn f138_policy_of_the_book_leads_until_it_ends() {
         assert!(refused.contains(&&*printed), "{printed}{}", harness::stderr(&second));
         operator.wait("led by the first one", |status| status.sources == both);
         drop(script);
+        operator.wait_mode(Mode::Holding);
+        let mut takeover = Command::new(env!("CARGO_BIN_EXE_teleopctl"));
+        takeover.args(["takeover", "--run-dir"]).arg(rig.folder());
+        let printed = String::from_utf8(takeover.output().expect("it runs").stdout).expect("text");
+        assert!(printed.contains("the person leads"), "{printed}");
         operator.wait_stopped();
         rig.end("control");
         rig.end_without_violations();

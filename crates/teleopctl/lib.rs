@@ -249,7 +249,9 @@ fn clutch(client: &mut Client, run_dir: &Path, takes: Option<[bool; 2]>) -> Resu
         out!("nothing to hold: {}; the clutch is for a robot that follows (teleopctl engage)", mode(&first).name());
         return Ok(false);
     }
-    if takes.is_some() && first.sources & (source_flag::POLICY[0] | source_flag::POLICY[1]) == 0 {
+    // Nobody leads while the robot holds, or while both arms wait for the policy.
+    let policy = source_flag::POLICY[0] | source_flag::POLICY[1];
+    if takes.is_some() && first.sources != 0 && first.sources & policy == 0 {
         out!("nothing to take over: no policy leads an arm (docs: Policies)");
         return Ok(false);
     }
