@@ -7,7 +7,7 @@ use crate::tamper::{Tamper, Untampered};
 use bus::{FaultCounts, FaultPlan, Faulty, Latest, Publish};
 use config::{ConfigError, Loaded};
 use driver::DriveInput;
-use ingest::{Authority, PolicyState};
+use ingest::{Authority, ClientIdentity, PolicyState};
 use messages::{
     ChunkDrop, Header, JOINTS_MAX, JointCommand, JointTarget, PolicyChunk, RawSkeleton, RobotState, Skeleton, Stamp,
     deadline,
@@ -128,6 +128,7 @@ pub struct World {
     retarget_header: Header,
     /// The policy, once one has published. It has one client and no faulty links.
     policy: Option<Box<(PolicyState, policy::State)>>,
+    policy_authority: Authority,
     chunk: Option<Box<PolicyChunk>>,
     control: Box<control::State>,
     robot: Box<simulated::State>,
@@ -148,6 +149,8 @@ pub struct Moment {
     pub skeleton: Option<Skeleton>,
     /// Target that control received in this tick.
     pub target_seen: Option<JointTarget>,
+    /// Policy's target that control received in this tick.
+    pub policy_seen: Option<JointTarget>,
     /// Robot state that control received in this tick.
     pub state_seen: Option<RobotState>,
     /// Target of this tick, if retarget ran.
@@ -179,6 +182,7 @@ impl World {
             retarget: Box::default(),
             retarget_header: header(&mut incarnations),
             policy: None,
+            policy_authority: Authority::default(),
             chunk: None,
             control: Box::new(control::State::new(&config.control, incarnations.draw())),
             robot: Box::new(simulated::State::new(&config.robot, FIRST_TICK - 1, seed)),
@@ -213,8 +217,15 @@ impl World {
     /// Returns the reason for which `ingest` drops it.
     pub fn publish_chunk(&mut self, config: &WorldConfig, chunk: &PolicyChunk) -> Result<(), ChunkDrop> {
         let now = self.now();
+        let claim = ClientIdentity { session_nonce: chunk.session_nonce, ..ClientIdentity::default() };
+        if !self.policy_authority.admits_claim(now, claim, config.authority_timeout_ns) {
+            return Err(ChunkDrop::Lease);
+        }
         let (state, _) = &mut **self.policy.get_or_insert_default();
-        self.chunk = Some(Box::new(state.judge(config.control.model.id(), now, chunk)?));
+        let chunk = state.judge(config.control.model.id(), now, chunk)?;
+        // Another `ingest` draws another session.
+        let session_nonce = chunk.session_nonce ^ u64::from(self.skeleton_header.incarnation) << 32;
+        self.chunk = Some(Box::new(PolicyChunk { session_nonce, ..chunk }));
         Ok(())
     }
 
@@ -244,8 +255,9 @@ impl World {
 
     /// Kills and restarts `ingest`.
     pub fn restart_ingest(&mut self) {
-        self.authority = Authority::default();
+        (self.authority, self.policy_authority) = (Authority::default(), Authority::default());
         self.input = ingest::State::default();
+        self.policy.iter_mut().for_each(|policy| policy.0 = PolicyState::default());
         self.skeleton_header.incarnation = self.incarnations.draw();
         self.skeleton_header.sequence = 0;
     }
@@ -334,11 +346,11 @@ impl World {
         let command_at = start.plus_ns(COMMAND_AFTER_NS);
         self.targets.advance(command_at);
         self.states.advance(command_at);
-        let (mut target_seen, mut state_seen, mut control) = (None, None, None);
+        let (mut target_seen, mut policy_seen, mut state_seen, mut control) = (None, None, None, None);
         if running.control {
             (target_seen, state_seen) = (self.targets.latest(), self.states.latest());
-            let policy = running.retarget.then(|| self.lead(config, start.plus_ns(TARGET_AFTER_NS))).flatten();
-            let seen = (target_seen.as_ref(), policy.as_ref(), state_seen.as_ref());
+            policy_seen = running.retarget.then(|| self.lead(config, start.plus_ns(TARGET_AFTER_NS))).flatten();
+            let seen = (target_seen.as_ref(), policy_seen.as_ref(), state_seen.as_ref());
             control = Some(self.control(config, command_at, operator, seen, tamper));
         }
         let execution_at = start.plus_ns(EXECUTION_AFTER_NS);
@@ -350,11 +362,12 @@ impl World {
             None
         };
         self.k += 1;
-        Moment { k: k - self.first_k, skeleton, target_seen, state_seen, target, control, robot }
+        Moment { k: k - self.first_k, skeleton, target_seen, policy_seen, state_seen, target, control, robot }
     }
 
     fn ingest(&mut self, config: &WorldConfig, now: Stamp, tamper: &mut impl Tamper) -> Option<Skeleton> {
         self.authority.look(now);
+        self.policy_authority.look(now);
         let raw = self.raw.latest()?;
         if !self.authority.admits(now, &raw, config.authority_timeout_ns) {
             return None;

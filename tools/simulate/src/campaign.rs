@@ -38,6 +38,8 @@ pub struct Plan {
     pub is_remote: bool,
     /// One camera sees the person, see `camera.rs`.
     pub is_camera: bool,
+    /// A policy leads, see `policy.rs`.
+    pub is_policy: bool,
     pub bug: Option<Bug>,
 }
 

@@ -1,7 +1,7 @@
 //! The command line.
 
 use crate::campaign::Plan;
-use crate::kinds::{KIND_COUNT, KINDS, named};
+use crate::kinds::{self, KINDS, named};
 use crate::schedule::TICKS_MIN;
 use clap::Parser;
 use config::RobotChoice;
@@ -52,6 +52,9 @@ pub struct Cli {
     /// Show the person to one camera: landmarks with the errors of a landmarker, which loses people and exchanges sides.
     #[arg(long)]
     pub camera: bool,
+    /// Let a policy lead, with faults in its chunks and a person who takes over. A `--fault` of a policy implies it.
+    #[arg(long)]
+    pub policy: bool,
     /// Settings file.
     #[arg(long, default_value = CONFIG)]
     pub config: PathBuf,
@@ -80,10 +83,11 @@ impl Cli {
         kinds.sort_unstable();
         kinds.dedup();
         if self.fault.is_empty() {
-            kinds = (0..KIND_COUNT).collect();
+            kinds = kinds::all(self.policy);
         }
         let &Self { first_seed, seeds, ticks, jobs, until_found, link: is_remote, camera: is_camera, .. } = self;
-        Ok(Plan { first_seed, seeds, ticks, jobs, until_found, kinds, is_remote, is_camera, bug: None })
+        let is_policy = self.policy || kinds.iter().any(|&kind| kinds::is_policy(kind));
+        Ok(Plan { first_seed, seeds, ticks, jobs, until_found, kinds, is_remote, is_camera, is_policy, bug: None })
     }
 
     /// Lists all faults.

@@ -84,8 +84,11 @@ impl Inputs {
             }
             self.next = (self.next + 1) % KEPT;
         }
+        // Another `ingest` knows no earlier frame. Its person needs a new enable.
+        self.last = self.last.filter(|_| !seen.ingest_restarted);
         self.awake += u64::from(seen.moment.control.is_some());
-        self.following_since = if follows(mode) { self.following_since.or(Some(self.awake)) } else { None };
+        self.following_since =
+            if follows(mode) && seen.is_person_leading() { self.following_since.or(Some(self.awake)) } else { None };
         for skeleton in seen.drained.iter().chain(&seen.moment.skeleton) {
             self.used(skeleton)?;
             self.moved(skeleton)?;

@@ -166,7 +166,28 @@ pub enum OperatorFault {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Policy {
+    Nan,
+    /// Rows, period or joints that no chunk has.
+    Shape,
+    OtherRobot,
+    /// Start or observation in the past or the future.
+    Late,
+    Frozen,
+    Jump,
+    Walk,
+    /// Successive chunks that overlap and lead to two postures.
+    Contradict,
+    Posture,
+    Silent,
+    Ends,
+    Stranger,
+    Takeover,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
+    Policy(Policy),
     Frame(Frame),
     Delivery(Delivery),
     Content(Content),
@@ -200,7 +221,9 @@ macro_rules! kinds {
 
 use Content as C;
 use Delivery as D;
-use Fault::{Content as Of, Delivery as Del, Frame as Fr, Link, Operator as Op, Process as Pr, Robot as Ro};
+use Fault::{
+    Content as Of, Delivery as Del, Frame as Fr, Link, Operator as Op, Policy as Po, Process as Pr, Robot as Ro,
+};
 
 kinds! {
     "frame-nan" ["f001"] Fr(Frame::Nan), 60..900;
@@ -317,9 +340,31 @@ kinds! {
     "corrupt-raw" [] Fr(Frame::BitFlips), 60..900;
     "corrupt-skeleton" [] Of(C::SkeletonBits), 60..900;
     "corrupt-target" [] Of(C::TargetFlips), 2..300;
+    "policy-nan" ["f137"] Po(Policy::Nan), 300..3000;
+    "policy-shape" ["f137"] Po(Policy::Shape), 300..3000;
+    "policy-other-robot" ["f139"] Po(Policy::OtherRobot), 300..3000;
+    "policy-late" ["f140"] Po(Policy::Late), 300..3000;
+    "policy-frozen" ["f140"] Po(Policy::Frozen), 300..3000;
+    "policy-jump" ["f141"] Po(Policy::Jump), 150..1500;
+    "policy-walk" ["f141"] Po(Policy::Walk), 300..6000;
+    "policy-contradict" ["f141"] Po(Policy::Contradict), 300..3000;
+    "policy-posture" ["f141"] Po(Policy::Posture), 1500..6000;
+    "policy-silent" ["f138"] Po(Policy::Silent), 150..3000;
+    "policy-ends" ["f138"] Po(Policy::Ends), 30..3000;
+    "policy-stranger" ["f142"] Po(Policy::Stranger), 300..3000;
+    "takeover" ["f143" "f144"] Po(Policy::Takeover), 300..6000;
 }
 
 pub const KIND_COUNT: usize = KINDS.len();
+
+/// Indices of all kinds. Without a policy those of a policy are left out.
+pub fn all(is_policy: bool) -> Vec<usize> {
+    (0..KIND_COUNT).filter(|&kind| is_policy || !self::is_policy(kind)).collect()
+}
+
+pub fn is_policy(kind: usize) -> bool {
+    matches!(KINDS[kind].fault, Fault::Policy(_))
+}
 
 pub fn named(text: &str) -> Vec<usize> {
     (0..KIND_COUNT).filter(|&kind| KINDS[kind].name == text || KINDS[kind].ids.contains(&text)).collect()

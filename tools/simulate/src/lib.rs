@@ -20,6 +20,7 @@ pub mod movement;
 pub mod operator_model;
 pub mod oracle;
 pub mod person_judge;
+mod policy;
 pub mod processes;
 mod remote;
 pub mod report;

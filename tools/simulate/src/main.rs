@@ -25,7 +25,7 @@ fn main() -> ExitCode {
 fn begin(cli: &Cli) -> Result<bool, Failure> {
     let plan = cli.plan()?;
     let mut subject = Subject::load(&cli.config, cli.robot.as_ref()).map_err(Failure::with(Exit::Config))?;
-    subject.is_camera = plan.is_camera;
+    (subject.is_camera, subject.is_policy) = (plan.is_camera, plan.is_policy);
     match cli.replay {
         Some(seed) => replay(cli, &plan, &subject, seed),
         None => campaign(cli, &plan, &subject),

@@ -34,17 +34,20 @@ pub struct Modes {
     since_target: u64,
     since_state: u64,
     since_frame: u64,
+    since_row: u64,
     released: u64,
     armed: bool,
     reset_k: u64,
     last_k: u64,
     holder: Option<(u64, u64)>,
     person: Option<Person>,
-    /// True while a recovery, or the stop that ends it, moves the robot.
+    /// True while a recovery or a policy, or the stop that ends it, moves the robot.
     recovered: bool,
     /// Faults, and whether the enable was up. During a hold they accumulate from its beginning. Outside a hold
     /// they are those of this tick alone.
     since_hold: (Faults, bool),
+    /// Session of the person at the beginning of a takeover.
+    taker: u64,
     /// Awake ticks of control since another person was passed on. None once the operator has enabled.
     since_person: Option<u64>,
 }
@@ -90,6 +93,12 @@ impl Modes {
         if follows(mode) && !seen.forged && self.since_person.is_some_and(|ticks| ticks > INPUT_STALE) {
             return Err(("new engage", "follows another person without a new enable".into()));
         }
+        let person = seen.moment.target_seen.map_or(self.taker, |target| target.session_nonce);
+        if seen.policy.leads == 0 || !seen.is_person_leading() || !follows(self.mode) {
+            self.taker = person;
+        } else if follows(mode) && person != self.taker {
+            return Err(("takeover", "another person leads than the one who took over".into()));
+        }
         if moves(mode) && !moves(self.mode) && !self.armed {
             return Err(("stuck enable", "moves, but the enable was never released".into()));
         }
@@ -105,7 +114,8 @@ impl Modes {
             (self.holder, self.person) = (None, None);
         }
         let moving = seen.moment.robot.is_some_and(|robot| robot.v.iter().any(|v| v.abs() > RESTING));
-        self.recovered = self.mode == Mode::Recovering || self.recovered && moving && !follows(self.mode);
+        let otherwise = self.mode == Mode::Recovering || seen.policy.leads != 0;
+        self.recovered = otherwise || self.recovered && moving && !follows(self.mode);
         let moved_otherwise = seen.forged || self.recovered;
         for &person in seen.accepted {
             let session = person.session;
@@ -135,28 +145,32 @@ impl Modes {
             known.replace(is).is_some_and(|was| was != is)
         }
         // An operator who enables sees which person is in front of the robot.
-        self.since_person = self.since_person.filter(|_| !operator.enable_edge).map(|ticks| ticks + 1);
+        let knows = operator.enable_edge || !seen.is_person_leading();
+        self.since_person = self.since_person.filter(|_| !knows).map(|ticks| ticks + 1);
         if self.stranger_k.is_some_and(|k| k < seen.k) && (operator.enable_edge || operator.recover_edge) {
             self.stranger_k = None;
         }
-        let (mut restarted, mut person) = (false, false);
+        let mut restarted = false;
         if let Some(target) = &seen.moment.target_seen {
             restarted |= other(&mut self.behind.retarget, target.header.incarnation);
-            person = target.session_nonce != 0 && other(&mut self.behind.session, target.session_nonce);
         }
+        let session = seen.target().map_or(0, |target| target.session_nonce);
+        let changed = session != 0 && other(&mut self.behind.session, session);
         if let Some(state) = &seen.moment.state_seen {
             restarted |= other(&mut self.behind.driver, state.header.incarnation);
         }
-        if restarted || person {
+        if restarted || changed {
             self.stranger_k = Some(seen.k);
         }
         restarted
     }
 
-    /// Counts ages in ticks in which control ran.
+    /// Counts ages in ticks in which control ran. Silence counts from when its source leads.
     fn observe(&mut self, seen: &Seen<'_>, operator: &OperatorView) {
-        self.since_frame += 1;
-        self.since_target = if seen.moment.target_seen.is_some() { 0 } else { self.since_target + 1 };
+        let by_person = seen.led_by_person();
+        self.since_frame = if by_person == [false; 2] { 0 } else { self.since_frame + 1 };
+        self.since_target = if seen.target().is_some() { 0 } else { self.since_target + 1 };
+        self.since_row = if seen.policy.has_row || by_person == [true; 2] { 0 } else { self.since_row + 1 };
         self.since_state = if seen.moment.state_seen.is_some() { 0 } else { self.since_state + 1 };
         let gap = (seen.k - self.last_k.min(seen.k)).clamp(1, 2);
         let held = operator.enable_level || operator.recover_level;
@@ -228,6 +242,7 @@ impl Modes {
             ("target silent", self.since_target, TARGET_STALE),
             ("robot silent", self.since_state, STATE_LATE),
             ("skeleton silent", if seen.forged { 0 } else { self.since_frame }, INPUT_STALE),
+            ("policy silent", self.since_row, INPUT_STALE),
         ];
         match ages.iter().find(|(_, age, most)| age > most) {
             Some((name, age, _)) => Err((name, format!("for {age} ticks, but it follows"))),

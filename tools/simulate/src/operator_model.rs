@@ -67,6 +67,11 @@ impl OperatorModel {
         !self.view.held.enable_level && !self.view.held.recover_level
     }
 
+    /// Has arms taken over from a policy, as long as it is called in every tick.
+    pub fn take_over(&mut self, arms: [bool; 2]) {
+        self.view.held.takes_over = arms;
+    }
+
     fn let_go(&mut self) {
         if !self.has_let_go() {
             self.view.release_edges += 1;

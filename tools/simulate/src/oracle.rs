@@ -11,10 +11,11 @@ use crate::inputs::Inputs;
 use crate::modes::{Broken, Modes, moves};
 use crate::movement::Movement;
 use crate::person_judge::PersonJudge;
+use crate::policy::PolicySeen;
 use crate::rules::Rules;
 use crate::true_motion::TrueMotion;
 use checker::Report;
-use messages::{Fault, Faults, JOINTS_MAX, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
+use messages::{Fault, Faults, JOINTS_MAX, JointTarget, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
 use robot::{JointLimits, Model};
 use safety::engage::OperatorView;
 use world::Moment;
@@ -75,6 +76,7 @@ pub struct Seen<'a> {
     /// Persons of the frames that `ingest` passed on, in order.
     pub accepted: &'a [Person],
     pub control_restarted: bool,
+    pub policy: PolicySeen,
     pub ingest_restarted: bool,
     pub driver_restarted: bool,
     /// True if the drives do not follow, or did not a moment ago. The driver then holds the measured posture.
@@ -106,6 +108,21 @@ pub struct Seen<'a> {
 }
 
 impl Seen<'_> {
+    /// The target of the policy that leads, or else of the person.
+    pub fn target(&self) -> Option<&JointTarget> {
+        if self.policy.leads == 0 { self.moment.target_seen.as_ref() } else { self.moment.policy_seen.as_ref() }
+    }
+
+    /// Arms that a person leads: those taken over from a policy, or both.
+    pub fn led_by_person(&self) -> [bool; 2] {
+        let taken = |side: usize| self.operator.is_some_and(|view| view.takes_over[side] && !view.left_out[side]);
+        [0, 1].map(|side| self.policy.leads == 0 || taken(side))
+    }
+
+    pub fn is_person_leading(&self) -> bool {
+        self.led_by_person() != [false; 2]
+    }
+
     /// Factor on bounds in rad for joint `j`.
     pub fn scale(&self, j: usize) -> f64 {
         if self.robot.prismatic[j] { SLIDES } else { 1.0 }

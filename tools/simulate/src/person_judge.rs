@@ -32,7 +32,8 @@ impl PersonJudge {
         if let Some(raw) = seen.sent.last() {
             self.person = bones(&|joint: Smpl| Vector3::from(raw.positions[joint as usize].map(f64::from)));
         }
-        self.following = if seen.quiet && mode == Mode::Engaged { self.following + 1 } else { 0 };
+        self.following =
+            if seen.quiet && mode == Mode::Engaged && seen.policy.leads == 0 { self.following + 1 } else { 0 };
         if self.following <= SETTLED {
             (self.count, self.angles, self.behind) = (0, [0.0; 4], [0.0; JOINTS_MAX]);
             return Ok(());

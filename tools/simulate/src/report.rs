@@ -64,8 +64,9 @@ fn failure_text(failure: &Failure, plan: &Plan, config: &Path) -> String {
     };
     let link = if plan.is_remote { " --link" } else { "" };
     let camera = if plan.is_camera { " --camera" } else { "" };
+    let policy = if plan.is_policy { " --policy" } else { "" };
     format!(
-        "seed {}, tick {}, invariant {}: {}\n  {schedule} ({} of {} episodes), tick {}, {}: {}\n  simulate{settings}{link}{camera} \
+        "seed {}, tick {}, invariant {}: {}\n  {schedule} ({} of {} episodes), tick {}, {}: {}\n  simulate{settings}{link}{camera}{policy} \
          --ticks {} --replay {} --faults {}",
         failure.seed,
         v.tick,

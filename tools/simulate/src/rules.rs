@@ -63,7 +63,7 @@ impl Rules {
             let sound = target.q.iter().chain(&target.dq).all(|x| x.is_finite());
             self.no_numbers = if sound { 0 } else { self.no_numbers + 1 };
         }
-        if self.no_numbers > NO_NUMBERS && follows(mode) {
+        if self.no_numbers > NO_NUMBERS && follows(mode) && seen.is_person_leading() {
             return Err((
                 "no number",
                 format!("{} targets in a row are NaN or infinite, but it follows", self.no_numbers),
@@ -73,7 +73,9 @@ impl Rules {
             let held = operator.enable_level || operator.recover_level;
             self.begins(seen, made.why, held)?;
         }
-        if let Some(k) = self.strange_k.filter(|k| moves(mode) && self.moved && seen.k > k + STRANGE) {
+        if let Some(k) =
+            self.strange_k.filter(|k| moves(mode) && self.moved && seen.k > k + STRANGE && seen.policy.leads == 0)
+        {
             return Err((
                 "new engage",
                 format!("another ingest since {} ticks, but the robot still moves", seen.k - k),

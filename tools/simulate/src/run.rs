@@ -9,6 +9,7 @@ use crate::client::Client;
 use crate::kinds::{self, Content, Fault, KIND_COUNT, KINDS, LinkFault, Process, ProcessId, Robot, by_name};
 use crate::operator_model::OperatorModel;
 use crate::oracle::{Oracle, Person, Seen, Violation};
+use crate::policy::Policy;
 use crate::processes::Processes;
 use crate::remote::Remote;
 use crate::schedule::{Episode, QUIET_TICKS, RECOVERY_TICKS};
@@ -65,6 +66,7 @@ pub struct Run<'a> {
     hand: OperatorModel,
     /// The way of the person and the operator to the robot, if they are at another machine.
     remote: Option<Box<Remote>>,
+    policy: Option<Box<Policy>>,
     faults: Faults,
     processes: Processes,
     memory: Memory,
@@ -104,6 +106,7 @@ impl<'a> Run<'a> {
             client: Client::new(subject.player.clone(), subject.is_camera.then(|| Camera::new(seed))),
             hand: OperatorModel::new(),
             remote: is_remote.then(|| Box::new(Remote::new(seed))),
+            policy: subject.is_policy.then(Box::default),
             faults: Faults::new(&[]),
             processes: Processes::default(),
             memory: Memory::default(),
@@ -136,6 +139,7 @@ impl<'a> Run<'a> {
         run.world.reseed_links(seed);
         run.remote.iter_mut().for_each(|remote| remote.reseed(seed));
         run.client.rebase();
+        run.policy.iter_mut().for_each(|policy| policy.rebase());
         run.oracle.ticks_in = Default::default();
         (run.seed, run.k, run.quiet_from, run.recovered_at) = (seed, 0, u64::MAX, 0);
         run.transitions.clear();
@@ -191,8 +195,14 @@ impl<'a> Run<'a> {
                 return broken("liveness", format!("still {} at the end", mode.name()));
             }
             // The effect of an earlier fault may still appear during the tenth of a second in which inputs go
-            // stale. An operator who releases a robot that held a moment ago stops it on purpose.
-            Some(_) if !follows && (tick < self.quiet_from + TICK_HZ / 2 || self.hand.has_let_go()) => {
+            // stale. An operator who releases a robot that held a moment ago stops it on purpose. So does a policy that
+            // comes or goes.
+            Some(_)
+                if !follows
+                    && (tick < self.quiet_from + TICK_HZ / 2
+                        || self.hand.has_let_go()
+                        || self.policy.as_ref().is_some_and(|policy| policy.is_away(tick))) =>
+            {
                 self.followed_since = None;
             }
             Some(since) if !follows => {
@@ -234,6 +244,7 @@ impl<'a> Run<'a> {
                 self.faults.count(self.elsewhere, 1);
             }
         }
+        let policy = self.policy.as_mut().map(|policy| policy.read(k, &moment, started, now)).unwrap_or_default();
         self.k += 1;
         if self.has(|_| true) {
             self.faulty_until = k + FAULTY;
@@ -251,6 +262,7 @@ impl<'a> Run<'a> {
             operator: view.map(|_| done),
             accepted: &self.accepted,
             control_restarted: started[ProcessId::Control as usize],
+            policy,
             ingest_restarted: started[ProcessId::Ingest as usize],
             driver_restarted: started[ProcessId::Driver as usize],
             undriven: k < self.undriven_until,

@@ -30,6 +30,8 @@ pub struct Subject {
     pub player: Player,
     /// One camera sees the person, see `camera.rs`.
     pub is_camera: bool,
+    /// A policy leads, see `policy.rs`.
+    pub is_policy: bool,
     /// Postures slightly outside the limits.
     pub outside: Vec<[f64; JOINTS_MAX]>,
     /// Postures slightly too close to self-collision.
@@ -51,6 +53,7 @@ impl Subject {
         let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
         Ok(Self {
             is_camera: false,
+            is_policy: false,
             player: Player::new(&motion::builtin(), play, 1, 1),
             outside: outside(model),
             close: close(model),

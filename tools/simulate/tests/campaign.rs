@@ -3,7 +3,7 @@
 
 use messages::Mode;
 use simulate::campaign::{self, Plan, Summary};
-use simulate::kinds::{KIND_COUNT, KINDS, by_name, named};
+use simulate::kinds::{self, KIND_COUNT, KINDS, by_name, named};
 use simulate::run::Bug;
 use simulate::schedule::{self, Episode};
 use simulate::subject::Subject;
@@ -21,7 +21,7 @@ fn subject() -> Subject {
 }
 
 fn plan(seeds: u64, ticks: u64, jobs: usize) -> Plan {
-    Plan { first_seed: 1, seeds, ticks, jobs, kinds: (0..KIND_COUNT).collect(), ..Plan::default() }
+    Plan { first_seed: 1, seeds, ticks, jobs, kinds: kinds::all(false), ..Plan::default() }
 }
 
 fn failures(sum: &Summary) -> String {
@@ -62,6 +62,20 @@ fn f126_operator_and_person_over_bad_wires_break_no_promise() {
     let sum = campaign::run(&subject(), &plan, || {}).expect("a campaign");
     assert!(sum.failures.is_empty(), "{}", failures(&sum));
     assert!(sum.ticks_in[Mode::Engaged as usize] > 2_000, "{:?}", sum.ticks_in);
+}
+
+/// A policy leads beside all other faults, with faults of its own, and then with its own alone. A person takes over from it.
+#[test]
+fn f137_f138_f139_f140_f141_f142_f143_f144_policy_breaks_no_promise() {
+    let subject = Subject { is_policy: true, ..subject() };
+    let own: Vec<_> = (0..KIND_COUNT).filter(|&kind| kinds::is_policy(kind)).collect();
+    for kinds in [kinds::all(true), own.clone()] {
+        let plan = Plan { is_policy: true, kinds, ..plan(12, 11_000, 2) };
+        let sum = campaign::run(&subject, &plan, || {}).expect("a campaign");
+        assert!(sum.failures.is_empty(), "{}", failures(&sum));
+        assert!(sum.ticks_in[Mode::Engaged as usize] > 20_000, "{:?}", sum.ticks_in);
+        assert!(plan.kinds != own || own.iter().all(|&kind| sum.fired[kind] > 0), "{:?}", sum.fired);
+    }
 }
 
 /// A landmarker's errors are beside all other faults: it loses the person, exchanges the sides and guesses arms.

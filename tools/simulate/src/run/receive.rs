@@ -13,6 +13,10 @@ impl Run<'_> {
         self.accepted.clear();
         self.drained.clear();
         self.client.tick(self.k, now, engaged, &mut self.faults, &mut self.frames);
+        if let Some(policy) = &mut self.policy {
+            policy.tick(self.subject, self.k, &mut self.world, ingest_runs, &mut self.faults);
+            self.hand.take_over(policy.takes_over);
+        }
         if let Some(remote) = &mut self.remote {
             remote.change(self.k, now, self.k >= self.quiet_from);
             remote.carry(self.k, now, &mut self.frames);
