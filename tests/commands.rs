@@ -30,7 +30,7 @@ const NETWORK: &str = "needs a network";
 const ROOT: &str = "needs root. tests/systemd runs the units";
 
 /// Rows by the beginning of the command. The first match applies.
-const ROWS: [(&str, How); 72] = [
+const ROWS: [(&str, How); 73] = [
     ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
     ("cargo run --release -- demo --robot", Ends(DEMO, "")),
     ("cargo run --release -- demo --motion", Ends(DEMO, "--seconds 3")),
@@ -101,6 +101,7 @@ const ROWS: [(&str, How); 72] = [
     ("mdbook", Listed("needs mdbook. tests/docs.rs follows the links", "2026-11-25")),
     ("npm ci", Listed(NETWORK, "2026-11-27")),
     ("ros2", Listed("needs ROS 2", "2026-11-26")),
+    ("teleopd-ros2 states", Tested("tests/ros2/states.rs")),
     ("bin/teleopd", Listed("needs the archive of `dist --tarball`", "2026-11-25")),
     (".ci/run", Listed("runs this test", "2026-11-25")),
 ];

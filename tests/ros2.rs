@@ -3,6 +3,7 @@
 mod driven;
 mod grippers;
 mod interfaces;
+mod states;
 
 use harness::{Cable, DRIVER, Killed, Rig, holds_for, repository, shell, soon, wait_until};
 use messages::Mode;

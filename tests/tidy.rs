@@ -59,7 +59,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("view", &["messages", "robot", "doors", "operator", "instance", "explain", "config", "bus", "rt"]),
     ("poses", &["messages", "motion", "retarget", "robot", "rt"]),
     ("python", &["config", "messages", "motion", "poses", "retarget", "robot", "rt", "world"]),
-    ("ros2", &["config", "driver", "instance", "messages", "robot", "rt", "safety", "teleopd"]),
+    ("ros2", &["bus", "config", "driver", "instance", "messages", "robot", "rt", "safety", "teleopd"]),
 ];
 
 /// For each tool and each crate for tests: the other ones that it may depend on. It may depend on every crate.

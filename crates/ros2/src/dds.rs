@@ -255,27 +255,41 @@ fn check_network_interface(interface: &str) -> Result<(), String> {
     ))
 }
 
-/// Opens a command topic, and a writer if there is a publisher.
+/// Quality of service of a writer that every reader matches. A reliable reader matches no best-effort writer.
+pub(crate) fn writer_qos() -> DataWriterQos {
+    let reliability = reliability(ReliabilityQosPolicyKind::Reliable);
+    let history = HistoryQosPolicy { kind: HistoryQosPolicyKind::KeepLast(UNACKNOWLEDGED) };
+    let deadline = DeadlineQosPolicy { period: DurationKind::Finite(Duration::new(PROMISED_S, 0)) };
+    DataWriterQos { reliability, history, deadline, ..DataWriterQos::default() }
+}
+
+/// The same for a writer whose last message also those get who join later.
+pub(crate) fn latched_qos() -> DataWriterQos {
+    let history = HistoryQosPolicy { kind: HistoryQosPolicyKind::KeepLast(1) };
+    DataWriterQos { durability: transient_local_qos().durability, history, ..writer_qos() }
+}
+
+/// Opens a topic, and a writer of it.
+pub(crate) fn open_writer<T: TypeSupport + RosType>(
+    member: &Member,
+    publisher: &Publisher,
+    ros: &str,
+    qos: DataWriterQos,
+) -> Result<DataWriter<T>, String> {
+    let topic = member
+        .participant
+        .create_topic::<T>(&topic(ros), T::NAME, QosKind::Default, NO_LISTENER, NO_STATUS)
+        .map_err(failed(ros))?;
+    publisher.create_datawriter::<T>(&topic, QosKind::Specific(qos), NO_LISTENER, NO_STATUS).map_err(failed(ros))
+}
+
+/// Opens a command topic, if there is a publisher.
 fn writer<T: TypeSupport + RosType>(
     member: &Member,
     publisher: Option<&Publisher>,
     ros: &str,
 ) -> Result<Option<DataWriter<T>>, String> {
-    let dds = topic(ros);
-    let topic = member
-        .participant
-        .create_topic::<T>(&dds, T::NAME, QosKind::Default, NO_LISTENER, NO_STATUS)
-        .map_err(failed(ros))?;
-    let open = |publisher: &Publisher| {
-        // A best-effort reader matches a reliable writer. A reliable reader matches no best-effort writer.
-        let reliability = reliability(ReliabilityQosPolicyKind::Reliable);
-        let history = HistoryQosPolicy { kind: HistoryQosPolicyKind::KeepLast(UNACKNOWLEDGED) };
-        let deadline = DeadlineQosPolicy { period: DurationKind::Finite(Duration::new(PROMISED_S, 0)) };
-        let qos = DataWriterQos { reliability, history, deadline, ..DataWriterQos::default() };
-        let qos = QosKind::Specific(qos);
-        publisher.create_datawriter::<T>(&topic, qos, NO_LISTENER, NO_STATUS).map_err(failed(ros))
-    };
-    publisher.map(open).transpose()
+    publisher.map(|publisher| open_writer(member, publisher, ros, writer_qos())).transpose()
 }
 
 impl Controller {

@@ -16,6 +16,12 @@ fn alive<T: TypeSupport>(builtin: &Subscriber, name: &str) -> Vec<T> {
     samples.unwrap_or_default().into_iter().filter_map(|sample| sample.data).collect()
 }
 
+/// Counts the publishers of a topic, as DDS names it, without our own.
+pub(crate) fn count_publishers(builtin: &Subscriber, topic: &str, own: [u8; 16]) -> usize {
+    let publications = alive::<PublicationBuiltinTopicData>(builtin, "DCPSPublication");
+    publications.iter().filter(|found| found.topic_name() == topic && found.key().value != own).count()
+}
+
 /// Counts who is on the topics. Returns the number of participants that were discovered, our own two among them.
 pub(crate) fn count_endpoints<'a>(
     builtin: &Subscriber,

@@ -21,24 +21,28 @@ mod port;
 mod preflight;
 mod reference;
 mod ros;
+mod states;
 mod stream;
 mod trajectory;
 mod unitree;
 mod wire;
 
 use clap::Parser;
-use cli::{Cli, Preflight};
+use cli::{Cli, Command, Preflight};
 use connection::Connection;
 use interface::{INTERFACE, disagreement};
 use rt::{Exit, Failure};
 use std::process::ExitCode;
 
-/// Runs the program `teleopd-ros2`: the driver of a robot that speaks DDS, or its preflight.
+/// Runs the program `teleopd-ros2`: the driver of a robot that speaks DDS, its preflight, or the states of an instance.
 pub fn main() -> ExitCode {
-    if std::env::args_os().nth(1).is_some_and(|word| word == "preflight") {
-        let cli::Command::Preflight(options) = Cli::parse().command;
+    if std::env::args_os().nth(1).is_some_and(|word| word == "preflight" || word == "states") {
+        let command = Cli::parse().command;
         end_on_panic();
-        return rt::finish("teleopd-ros2", preflight(&options));
+        return match command {
+            Command::Preflight(options) => rt::finish("teleopd-ros2", preflight(&options)),
+            Command::States(options) => rt::finish("teleopd-ros2", states::publish(&options)),
+        };
     }
     teleopd::drive_configured(INTERFACE, port::Ros2::open)
 }
