@@ -290,6 +290,20 @@ fn f143_held_arm_stays_through_takeover_until_policy_has_seen_it() {
 }
 
 #[test]
+fn f143_takeover_begins_where_the_arm_is_and_not_where_the_policy_wants_it() {
+    let (mut scene, mut far, elbow) = at_home(9);
+    far[elbow] += 0.4;
+    hold(&mut scene, far, 30);
+    let (there, wanted) = (scene.command.q, far[elbow]);
+    assert!(wanted - there[elbow] > 0.35, "the arm has just begun to move: {}", wanted - there[elbow]);
+    scene.hand.takes_over = [true; 2];
+    hold(&mut scene, far, TICK_HZ);
+    assert_eq!(scene.mode, Mode::Engaged);
+    // What it needs to brake.
+    assert!(farthest(&scene.command.q, &there) < 0.05, "{} rad", farthest(&scene.command.q, &there));
+}
+
+#[test]
 fn f142_joint_that_a_policy_names_no_longer_stays_where_it_is() {
     let (mut scene, mut at, elbow) = at_home(7);
     at[elbow] += 0.3;
