@@ -15,6 +15,9 @@ const ROWS_MAX: usize = 2_000_000;
 /// Name of a recording's table about its run, as `record` writes it.
 const ABOUT: &str = "teleopd";
 
+/// Topic of a policy's targets, as `record` names it.
+const POLICY: &str = "/teleop/policy_target";
+
 /// The messages of one kind.
 #[derive(Default)]
 struct Table {
@@ -78,7 +81,7 @@ fn push(
     }
     let kind = match source {
         source if is::<Skeleton>(source) => "skeletons",
-        source if is::<JointTarget>(source) => "targets",
+        source if is::<JointTarget>(source) => ["targets", "policy_targets"][usize::from(source.topic == POLICY)],
         source if is::<JointCommand>(source) => "commands",
         source if is::<RobotState>(source) => "states",
         source if is::<Status>(source) => "statuses",
@@ -100,7 +103,7 @@ fn push(
             table.wide("limbs", &limbs);
             table.integer("operator_id", u64::from(operator_id));
         }
-        "targets" => {
+        "targets" | "policy_targets" => {
             let JointTarget { robot, k, q, dq, valid_mask, .. } = decoded(data)?;
             table.integer("k", k);
             table.integer("valid_mask", u64::from(valid_mask));

@@ -365,7 +365,7 @@ def read_motion(
 class Recording:
     """The messages of a recording as arrays.
 
-    messages: by kind (skeletons, targets, commands, states, statuses) a table of columns with one row for each message. Each has
+    messages: by kind (skeletons, targets, policy_targets, commands, states, statuses) a table of columns with one row for each message. Each has
     `time_ns`. about: what the recorder knows of the run, such as the robot. lost: a sentence on damage, or None.
     """
 

@@ -13,6 +13,8 @@ pub const GONE_AFTER_NS: u64 = 250_000_000;
 pub struct Readers {
     pub skeletons: Reader<Skeleton>,
     pub targets: Reader<JointTarget>,
+    /// Those of a policy.
+    pub policies: Reader<JointTarget>,
     pub commands: Reader<JointCommand>,
     pub states: Reader<RobotState>,
     pub statuses: Reader<Status>,
@@ -26,6 +28,7 @@ impl Readers {
         Ok(Self {
             skeletons: domain.reader(Service::Skeleton)?,
             targets: domain.reader(Service::JointTarget)?,
+            policies: domain.reader(Service::PolicyTarget)?,
             commands: domain.reader(Service::JointCommand)?,
             states: domain.reader(Service::RobotState)?,
             statuses: domain.reader(Service::Status)?,

@@ -55,6 +55,9 @@ impl Attached {
         if let Some(target) = self.readers.targets.latest() {
             self.encoder.encode(Sample::Target(&target), write);
         }
+        if let Some(target) = self.readers.policies.latest() {
+            self.encoder.encode(Sample::Policy(&target), write);
+        }
         if let Some(command) = self.readers.commands.latest() {
             hash = Some(command.header.config_hash);
             self.encoder.encode(Sample::Command(&command), write);

@@ -174,7 +174,7 @@ impl Stages {
                     self.differs(&format!("status of tick {}", status.k));
                 }
             }
-            Content::Other { .. } => {}
+            Content::Policy(_) | Content::Other { .. } => {}
         }
     }
 

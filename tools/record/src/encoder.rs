@@ -24,6 +24,7 @@ pub struct Rates {
 pub enum Sample<'a> {
     Skeleton(&'a Skeleton),
     Target(&'a JointTarget),
+    Policy(&'a JointTarget),
     Command(&'a JointCommand),
     State(&'a RobotState),
     Status(&'a Status),
@@ -70,9 +71,9 @@ pub struct RecordingEncoder {
     rates: Rates,
     /// Offset that is added to every stamp. It converts the monotonic clock to that of the file.
     offset_ns: u64,
-    counted: [Counted; 5],
-    pictures: [Paced; 4],
-    kept: [Paced; 4],
+    counted: [Counted; 6],
+    pictures: [Paced; 5],
+    kept: [Paced; 6],
     status: Option<Status>,
     pauses: PauseFinder,
     log_sequence: u32,
@@ -115,13 +116,8 @@ impl RecordingEncoder {
         }
         match sample {
             Sample::Skeleton(skeleton) => self.skeleton(skeleton, write),
-            Sample::Target(target) => {
-                let at_ns = self.write_own(Topic::Target, target, &target.header, write);
-                if self.is_own(target.robot) && self.pictures[1].due(at_ns, self.period_ns()) {
-                    let shown = picture::joint_states(&self.model, at_ns, &target.q, &target.dq, target.valid_mask);
-                    write_message(Topic::Wanted, target.header.sequence, at_ns, &shown, write);
-                }
-            }
+            Sample::Target(target) => self.target([Topic::Target, Topic::Wanted], target, write),
+            Sample::Policy(target) => self.target([Topic::Policy, Topic::PolicyWanted], target, write),
             Sample::Command(command) => {
                 let at_ns = self.write_own(Topic::Command, command, &command.header, write);
                 if self.is_own(command.robot) && self.pictures[2].due(at_ns, self.period_ns()) {
@@ -167,6 +163,16 @@ impl RecordingEncoder {
             write(Entry { topic, sequence: header.sequence as u32, log_time: at_ns, data: bytes_of(message) });
         }
         at_ns
+    }
+
+    /// Writes a target, and shows its valid joints.
+    fn target(&mut self, [own, shown]: [Topic; 2], target: &JointTarget, write: &mut dyn FnMut(Entry)) {
+        let at_ns = self.write_own(own, target, &target.header, write);
+        let picture = if own == Topic::Target { 1 } else { 4 };
+        if self.is_own(target.robot) && self.pictures[picture].due(at_ns, self.period_ns()) {
+            let states = picture::joint_states(&self.model, at_ns, &target.q, &target.dq, target.valid_mask);
+            write_message(shown, target.header.sequence, at_ns, &states, write);
+        }
     }
 
     fn skeleton(&mut self, skeleton: &Skeleton, write: &mut dyn FnMut(Entry)) {

@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 pub enum Content {
     Skeleton(Box<Skeleton>),
     Target(Box<JointTarget>),
+    Policy(Box<JointTarget>),
     Command(Box<JointCommand>),
     State(Box<RobotState>),
     Status(Box<Status>),
@@ -94,8 +95,8 @@ impl Recorded {
 
 /// Place among the messages of one tick: `retarget` takes a skeleton and makes a target, `control` takes both inputs.
 fn rank(topic: &str) -> u8 {
-    const OF_A_TICK: [Topic; 6] =
-        [Topic::Skeleton, Topic::Target, Topic::Inputs, Topic::Command, Topic::StatusRaw, Topic::State];
+    use Topic::{Command, Inputs, Policy, Skeleton, State, StatusRaw, Target};
+    const OF_A_TICK: [Topic; 7] = [Skeleton, Target, Policy, Inputs, Command, StatusRaw, State];
     Topic::named(topic).map_or(u8::MAX, |topic| {
         let place = OF_A_TICK.iter().position(|known| *known == topic);
         place.unwrap_or(topic as usize) as u8
@@ -120,6 +121,7 @@ fn decode(topic: &str, encoding: &str, schema: &str, data: Vec<u8>) -> Result<Co
     Ok(match ours {
         Topic::Skeleton => Content::Skeleton(boxed(topic, schema, &data)?),
         Topic::Target => Content::Target(boxed(topic, schema, &data)?),
+        Topic::Policy => Content::Policy(boxed(topic, schema, &data)?),
         Topic::Command => Content::Command(boxed(topic, schema, &data)?),
         Topic::State => Content::State(boxed(topic, schema, &data)?),
         Topic::StatusRaw => Content::Status(boxed(topic, schema, &data)?),

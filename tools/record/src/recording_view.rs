@@ -39,7 +39,7 @@ pub fn recording_view(path: &Path, model: &Model) -> Result<(RecordingView, Opti
                 (heard.state, at[3]) = (Some(*state), at_s);
             }
             Content::Status(status) => (heard.status, at[4]) = (Some(*status), at_s),
-            Content::Inputs(_) | Content::Other { .. } => continue,
+            Content::Policy(_) | Content::Inputs(_) | Content::Other { .. } => continue,
         }
         let [skeleton, target, command, state, status] = at.map(|at| at_s - at <= GONE_AFTER_NS as f64 * 1e-9);
         heard = LatestMessages {

@@ -39,6 +39,7 @@ impl Summary {
             let topic = match &content {
                 Content::Skeleton(_) => Topic::Skeleton.name(),
                 Content::Target(_) => Topic::Target.name(),
+                Content::Policy(_) => Topic::Policy.name(),
                 Content::Command(_) => Topic::Command.name(),
                 Content::State(_) => Topic::State.name(),
                 Content::Status(_) => Topic::StatusRaw.name(),

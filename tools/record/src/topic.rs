@@ -3,7 +3,7 @@
 use messages::{JointCommand, JointTarget, Message, RobotState, Skeleton, Status};
 use serde_json::{Map, Value, json};
 
-/// A channel. The first six hold messages bit for bit, and `replay` reads them back. The others are for viewers.
+/// A channel. The first seven hold messages bit for bit, and `replay` reads them back. The others are for viewers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(usize)]
 pub enum Topic {
@@ -14,6 +14,8 @@ pub enum Topic {
     State,
     /// `Status`, every byte.
     StatusRaw,
+    /// `JointTarget` of a policy, while one holds its lease.
+    Policy,
     /// Inputs of a control tick that are not messages. Only in offline recordings.
     Inputs,
     Status,
@@ -23,6 +25,8 @@ pub enum Topic {
     Wanted,
     /// foxglove.JointStates: the commands.
     Commanded,
+    /// foxglove.JointStates: the targets of a policy.
+    PolicyWanted,
     /// foxglove.FrameTransforms: every link of the robot.
     Transforms,
     /// foxglove.SceneUpdate: the person as lines.
@@ -44,17 +48,19 @@ pub struct Described {
 
 impl Topic {
     /// Every channel and its name, in their order.
-    pub const ALL: [(Self, &'static str); 14] = [
+    pub const ALL: [(Self, &'static str); 16] = [
         (Self::Skeleton, "/teleop/skeleton"),
         (Self::Target, "/teleop/joint_target"),
         (Self::Command, "/teleop/joint_command"),
         (Self::State, "/teleop/robot_state"),
         (Self::StatusRaw, "/teleop/status_raw"),
+        (Self::Policy, "/teleop/policy_target"),
         (Self::Inputs, "/teleop/inputs"),
         (Self::Status, "/teleop/status"),
         (Self::Measured, "/joint_states/measured"),
         (Self::Wanted, "/joint_states/target"),
         (Self::Commanded, "/joint_states/command"),
+        (Self::PolicyWanted, "/joint_states/policy"),
         (Self::Transforms, "/tf"),
         (Self::Person, "/scene/person"),
         (Self::Capsules, "/scene/robot"),
@@ -72,13 +78,15 @@ impl Topic {
     pub fn described(self) -> Described {
         match self {
             Self::Skeleton => ours::<Skeleton>(self),
-            Self::Target => ours::<JointTarget>(self),
+            Self::Target | Self::Policy => ours::<JointTarget>(self),
             Self::Command => ours::<JointCommand>(self),
             Self::State => ours::<RobotState>(self),
             Self::StatusRaw => ours::<Status>(self),
             Self::Inputs => json_schema(self, "teleopd.Inputs", &crate::inputs::example()),
             Self::Status => json_schema(self, "teleopd.Status", &crate::inputs::status_example()),
-            Self::Measured | Self::Wanted | Self::Commanded => viewed::<foxglove::messages::JointStates>(self),
+            Self::Measured | Self::Wanted | Self::Commanded | Self::PolicyWanted => {
+                viewed::<foxglove::messages::JointStates>(self)
+            }
             Self::Transforms => viewed::<foxglove::messages::FrameTransforms>(self),
             Self::Person | Self::Capsules => viewed::<foxglove::messages::SceneUpdate>(self),
             Self::Log => viewed::<foxglove::messages::Log>(self),

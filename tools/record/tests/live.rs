@@ -18,6 +18,7 @@ use std::time::{Duration, Instant};
 struct Writers {
     skeletons: Writer<Skeleton>,
     targets: Writer<JointTarget>,
+    policies: Writer<JointTarget>,
     commands: Writer<JointCommand>,
     states: Writer<RobotState>,
     statuses: Writer<Status>,
@@ -34,6 +35,7 @@ impl Writers {
         Self {
             skeletons: domain.writer(Service::Skeleton).unwrap(),
             targets: domain.writer(Service::JointTarget).unwrap(),
+            policies: domain.writer(Service::PolicyTarget).unwrap(),
             commands: domain.writer(Service::JointCommand).unwrap(),
             states: domain.writer(Service::RobotState).unwrap(),
             statuses: domain.writer(Service::Status).unwrap(),
@@ -53,6 +55,7 @@ impl Writers {
         let command = JointCommand { header, robot, k, q, ..JointCommand::ZERO };
         self.skeletons.publish(&Skeleton { header, ..Skeleton::ZERO }).unwrap();
         self.targets.publish(&JointTarget { header, robot, k, q, ..JointTarget::ZERO }).unwrap();
+        self.policies.publish(&JointTarget { header, robot, k, q: q.map(|q| -q), ..JointTarget::ZERO }).unwrap();
         self.commands.publish(&command).unwrap();
         self.states.publish(&RobotState { header, robot, q_measured: q, ..RobotState::ZERO }).unwrap();
         self.statuses.publish(&Status { header, k, ..Status::ZERO }).unwrap();
@@ -130,7 +133,14 @@ fn recorder_records_published_data_and_sigterm_ends_the_file() {
 
     let (read, ending) = commands(&out, &writers.sent);
     assert_eq!(ending, Ending::Complete);
-    let (_, recorded) = contents(&out);
+    let (all, recorded) = contents(&out);
+    // What a policy wished is beside what was commanded, in a topic of its own.
+    let wished = all.iter().filter_map(|(_, content)| match content {
+        Content::Policy(target) => Some(target),
+        _ => None,
+    });
+    assert!(wished.clone().count() > read.len() / 2);
+    assert!(wished.clone().all(|target| target.q == writers.sent[target.k as usize - 1].q.map(|q| -q)));
     let missed: usize = recorded.outcome()["missed /teleop/joint_command"].parse().unwrap();
     assert!(read.len() > writers.sent.len() / 2, "{} of {}", read.len(), writers.sent.len());
     // Every command between the first and the last that were read was either read or counted as missed.

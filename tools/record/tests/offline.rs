@@ -36,6 +36,7 @@ fn rearranged(
         let (topic, data) = match content {
             Content::Skeleton(message) => (Topic::Skeleton, bytes_of(&*message)),
             Content::Target(message) => (Topic::Target, bytes_of(&*message)),
+            Content::Policy(message) => (Topic::Policy, bytes_of(&*message)),
             Content::Command(message) => (Topic::Command, bytes_of(&*message)),
             Content::State(message) => (Topic::State, bytes_of(&*message)),
             Content::Status(message) => (Topic::StatusRaw, bytes_of(&*message)),
