@@ -175,7 +175,7 @@ pub fn words(command: &str) -> Vec<String> {
 fn of_prose(document: &str) -> BTreeSet<String> {
     let prose: String = document.split("\n```").step_by(2).collect();
     let spans = prose.split('`').skip(1).step_by(2).map(|span| span.split_whitespace().collect::<Vec<_>>().join(" "));
-    let others = ["systemctl ", "mdbook ", "npm ", "ros2 ", "bin/"];
+    let others = ["systemctl ", "mdbook ", "npm ", "ros2 ", "teleopd-ros2 ", "bin/"];
     let is_command = |span: &str| {
         is_command(span) || others.iter().any(|start| span.starts_with(start)) || is_ours(span) && span.contains(' ')
     };
