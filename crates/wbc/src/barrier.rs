@@ -25,7 +25,7 @@
 //!
 //! Nothing here is trusted. The result is a proposal, and the certificate decides.
 
-use crate::chain::{JointSet, joints};
+use crate::chain::{JointSet, TurnedJoints, joints};
 use crate::clearance::Anchor;
 use crate::config::Config;
 use crate::geometry::{Geometry, NO_ROWS, Rows};
@@ -141,6 +141,13 @@ impl Barrier {
             active: ActiveSet::default(),
             active_keys: [Key::default(); ROWS_MAX],
         }
+    }
+
+    /// The joints where the plan in force ends, at `q`.
+    pub(crate) fn ended(&mut self, geometry: &Geometry, q: [f64; JOINTS_MAX]) -> &TurnedJoints {
+        self.end.go(geometry, q);
+        self.end.pose(geometry);
+        &self.end.turned
     }
 
     /// Changes the jerks of `ranges` so that they keep the rows. `now` is the posture before the tick, and

@@ -18,9 +18,10 @@
 //! Accelerations are limited in the same way. Of the step from the plan's accelerations to the wanted ones,
 //! the arm takes the share that keeps h + M a within the limits.
 
-use crate::chain::{JointSet, Placements, joints};
+use crate::chain::{JointSet, TurnedJoints, joints};
+use crate::clearance::Anchor;
 use crate::config::Config;
-use crate::dynamics::{PerJoint, Turned, TurnedJoints, turn_joints};
+use crate::dynamics::PerJoint;
 use crate::plan::{JointState, PlannedMotion};
 use crate::torque::Load;
 use messages::{JOINTS_MAX, JointMotion, TICK_S};
@@ -52,25 +53,23 @@ pub(crate) struct Bearing {
 }
 
 impl Bearing {
-    /// `places` and `now` are the bodies and the joints in this state.
+    /// `now` is this state's posture, and `ended` the joints at the end of the plan, unless it is at rest.
     pub(crate) fn new(
         config: &Config,
         load: &Load,
-        places: &Placements,
-        now: &TurnedJoints,
+        now: &Anchor,
+        ended: Option<&TurnedJoints>,
         before: &JointMotion,
     ) -> Self {
         let (chain, all) = (&config.geometry.chain, config.geometry.chain.all());
-        let matrix = load.dynamics.mass_matrix(chain, places, chain.arms()[0] | chain.arms()[1]);
+        let matrix = load.dynamics.mass_matrix(chain, &now.placements, chain.arms()[0] | chain.arms()[1]);
         let (share, peak, mut still) = ([1.0; JOINTS_MAX], [0.0; JOINTS_MAX], [0.0; JOINTS_MAX]);
-        load.dynamics.torques_at_rest(chain, now, all, &mut still);
+        load.dynamics.torques_at_rest(chain, &now.turned, all, &mut still);
         let mut bearing = Self { matrix, moving: still, still, ended: still, share, peak };
-        if !before.is_at_rest() {
+        if let Some(ended) = ended {
             let coasting = std::array::from_fn(|j| JointState { a: 0.0, ..before.joint(j) });
-            load.dynamics.torques(chain, now, &coasting, all, &mut bearing.moving);
-            let (rest, mut turned) = (before.rest_posture(), [Turned::default(); JOINTS_MAX]);
-            turn_joints(chain, |j| rest[j], all, &mut turned);
-            load.dynamics.torques_at_rest(chain, &turned, all, &mut bearing.ended);
+            load.dynamics.torques(chain, &now.turned, &coasting, all, &mut bearing.moving);
+            load.dynamics.torques_at_rest(chain, ended, all, &mut bearing.ended);
         }
         for arm in chain.arms() {
             for k in joints(arm) {

@@ -78,6 +78,28 @@ struct Turn {
     m2: Matrix3<f64>,
 }
 
+/// A joint in one posture: rotation and origin of its body in its parent's frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Turned {
+    pub(crate) r: Matrix3<f64>,
+    pub(crate) t: Vector3<f64>,
+}
+
+/// All joints in one posture. Kinematics and dynamics share them.
+pub(crate) type TurnedJoints = [Turned; JOINTS_MAX];
+
+/// Joints that are not turned yet.
+pub(crate) const UNTURNED: TurnedJoints =
+    [Turned { r: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), t: Vector3::new(0.0, 0.0, 0.0) };
+        JOINTS_MAX];
+
+/// Computes the joints of `set` at `q`. The other entries stay as they are.
+pub(crate) fn turn_joints(chain: &KinematicChain, q: impl Fn(usize) -> f64, set: JointSet, turned: &mut TurnedJoints) {
+    for j in joints(set) {
+        turned[j] = chain.joint(j, q(j));
+    }
+}
+
 /// Number of joints of each arm, and of those up to its elbow.
 #[derive(Clone, Copy, Debug)]
 pub struct ArmCounts {
@@ -186,22 +208,30 @@ impl KinematicChain {
     pub fn forward(&self, q: &[f64; JOINTS_MAX], set: JointSet, out: &mut Placements) {
         for j in joints(set) {
             let parent = out[self.links[j].parent];
-            let (r, t) = self.joint(j, q[j]);
+            let Turned { r, t } = self.joint(j, q[j]);
             out[j + 1] = Placement { r: parent.r * r, t: parent.point(&t) };
+        }
+    }
+
+    /// The poses of all bodies, as by [`forward`](Self::forward), from the joints `turned`.
+    pub(crate) fn place(&self, turned: &TurnedJoints, out: &mut Placements) {
+        for (j, Turned { r, t }) in turned.iter().enumerate().take(self.count) {
+            let parent = out[self.links[j].parent];
+            out[j + 1] = Placement { r: parent.r * r, t: parent.point(t) };
         }
     }
 
     /// Rotation and origin of the body of joint `j` in its parent's frame at position `q`.
     #[inline]
-    pub(crate) fn joint(&self, j: usize, q: f64) -> (Matrix3<f64>, Vector3<f64>) {
+    fn joint(&self, j: usize, q: f64) -> Turned {
         let link = &self.links[j];
         let offset = &link.parent_from_body;
         if link.prismatic {
-            return (offset.r, offset.t + offset.r * link.axis * q);
+            return Turned { r: offset.r, t: offset.t + offset.r * link.axis * q };
         }
         let turn = &self.turns[j];
         let (sin, cos) = q.sin_cos();
-        (turn.m0 + turn.m1 * sin + turn.m2 * (1.0 - cos), offset.t)
+        Turned { r: turn.m0 + turn.m1 * sin + turn.m2 * (1.0 - cos), t: offset.t }
     }
 
     /// The deepest body that carries both `a` and `b`.

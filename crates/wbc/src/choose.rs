@@ -160,10 +160,13 @@ impl Chooser<'_> {
     /// pair is near. Then comes a smaller step, then each arm alone, and then the plan.
     pub(crate) fn choose(&mut self, before: &JointMotion, on_plan: &JointMotion, aims: &Aims, scale: f64) -> Choice {
         let plan = Trajectory::stops(before);
-        self.torque.begin_tick(&self.config.geometry.chain, &before.q);
+        self.torque.begin_tick();
         let load = self.load;
-        let bearing =
-            load.map(|load| Bearing::new(self.config, load, &self.anchor.placements, &self.torque.now, before));
+        let bearing = load.map(|load| {
+            let ended =
+                (!before.is_at_rest()).then(|| self.barrier.ended(&self.config.geometry, before.rest_posture()));
+            Bearing::new(self.config, load, self.anchor, ended, before)
+        });
         let nominal = || self.config.bounds.map(|bounds| bounds.brake);
         let brakes = bearing.as_ref().map_or_else(nominal, |bearing| bearing.brakes(self.config, before));
         let scales = self.scales(before, aims, bearing.as_ref(), scale);
@@ -254,7 +257,8 @@ impl Chooser<'_> {
         // A gentle brake may not make a stop longer than allowed.
         let late = joints(*fresh).find(|&j| motion.joints[j].end_s() > self.config.stop_time_max_s + TICK_S);
         let verdict = late.or_else(|| {
-            let verdict = torque::prove(load, &self.config.geometry.chain, motion, *fresh, self.torque);
+            let now = &self.anchor.turned;
+            let verdict = torque::prove(load, &self.config.geometry.chain, (motion, now), *fresh, self.torque);
             choice.evaluations += verdict.evaluations;
             verdict.blamed
         });

@@ -20,7 +20,7 @@
 //! after [`MOVES_MAX`] moves, and after any move above [`MOVE_MAX`]. [`SPARE_M`] is more than both. A test compares the
 //! decisions with and without bounds.
 
-use crate::chain::{BODIES, Placement, Placements};
+use crate::chain::{BODIES, Placement, Placements, TurnedJoints, UNTURNED, turn_joints};
 use crate::geometry::{Geometry, NO_ROWS, Rows, Segment};
 use messages::JOINTS_MAX;
 use nalgebra::Vector3;
@@ -39,6 +39,8 @@ pub(crate) struct Anchor {
     pub(crate) q: [f64; JOINTS_MAX],
     /// Valid after [`Anchor::pose`].
     pub(crate) placements: Placements,
+    /// The joints there. Valid with the placements.
+    pub(crate) turned: TurnedJoints,
     is_posed: bool,
     axes: Vec<Segment>,
     /// The entries of `axes` that are computed.
@@ -64,6 +66,7 @@ impl Anchor {
         let mut anchor = Self {
             q,
             placements: [Placement::identity(); BODIES],
+            turned: UNTURNED,
             is_posed: false,
             axes: vec![nowhere; geometry.shapes.len()],
             known: 0,
@@ -104,7 +107,9 @@ impl Anchor {
     pub(crate) fn pose(&mut self, geometry: &Geometry) {
         if !self.is_posed {
             self.is_posed = true;
-            geometry.chain.forward(&self.q, geometry.chain.all(), &mut self.placements);
+            let chain = &geometry.chain;
+            turn_joints(chain, |j| self.q[j], chain.all(), &mut self.turned);
+            chain.place(&self.turned, &mut self.placements);
         }
     }
 

@@ -13,7 +13,7 @@
 //! The base accelerates upwards by g, which represents gravity. A joint's torque is the moment (or force)
 //! along its axis of all bodies that it carries.
 
-use crate::chain::{BODIES, JointSet, KinematicChain, Placements, joints};
+use crate::chain::{BODIES, JointSet, KinematicChain, Placements, Turned, TurnedJoints, joints};
 use crate::plan::JointState;
 use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
@@ -52,24 +52,6 @@ pub(crate) struct Dynamics {
     hands: [usize; 2],
     /// Moments of the hands without their payload.
     empty: [Moments; 2],
-}
-
-/// A joint in one posture: rotation and origin of its body in its parent's frame.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Turned {
-    r: Matrix3<f64>,
-    t: Vector3<f64>,
-}
-
-/// All joints in one posture. Several motions through it share them.
-pub(crate) type TurnedJoints = [Turned; JOINTS_MAX];
-
-/// Computes the joints of `set` at `q`. The other entries stay as they are.
-pub(crate) fn turn_joints(chain: &KinematicChain, q: impl Fn(usize) -> f64, set: JointSet, turned: &mut TurnedJoints) {
-    for j in joints(set) {
-        let (r, t) = chain.joint(j, q(j));
-        turned[j] = Turned { r, t };
-    }
 }
 
 /// Motion of a body and the force on it.

@@ -115,11 +115,11 @@ impl Recovery {
         on_plan: &JointMotion,
     ) -> Choice {
         let mut choice = Choice::plan(*on_plan);
-        torque.begin_tick(&config.geometry.chain, &before.q);
+        torque.begin_tick();
         let reach = reach(config, before);
         let Some(mut wanted) = self.velocities(config, anchor, &reach) else { return choice };
-        let (chain, places) = (&config.geometry.chain, anchor.placements);
-        let places = &places;
+        let (chain, places, now) = (&config.geometry.chain, anchor.placements, anchor.turned);
+        let (places, now) = (&places, &now);
         if let Some(hand) = &config.hand {
             let shares = hand.shares(chain, places, &wanted);
             wanted = std::array::from_fn(|j| shares[j] * wanted[j]);
@@ -138,7 +138,7 @@ impl Recovery {
                 continue;
             }
             let overloaded = load.and_then(|load| {
-                let verdict = torque::prove(load, chain, &attempt.motion, attempt.fresh, torque);
+                let verdict = torque::prove(load, chain, (&attempt.motion, now), attempt.fresh, torque);
                 choice.evaluations += verdict.evaluations;
                 verdict.blamed
             });

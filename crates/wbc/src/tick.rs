@@ -3,6 +3,7 @@
 
 use crate::barrier::{Barrier, Program};
 use crate::certificate::{Purpose, Scratch, Verdict, certify};
+use crate::chain::{UNTURNED, turn_joints};
 use crate::choose::{Aims, Choice, Chooser, aims};
 use crate::clearance::Anchor;
 use crate::config::{Config, ENGAGE_MARGIN_M};
@@ -239,9 +240,9 @@ pub fn torques(config: &Config, q: &PerJoint, v: &PerJoint, a: &PerJoint) -> Opt
 pub fn certify_torque(config: &Config, planned: &JointMotion) -> TorqueVerdict {
     let Some(load) = &config.load else { return TorqueVerdict { blamed: None, evaluations: 0 } };
     let mut scratch = TorqueScratch::new();
-    let chain = &config.geometry.chain;
-    scratch.begin_tick(chain, &planned.q);
-    torque::prove(load, chain, &Trajectory::stops(planned), chain.all(), &mut scratch)
+    let (chain, mut now) = (&config.geometry.chain, UNTURNED);
+    turn_joints(chain, |j| planned.q[j], chain.all(), &mut now);
+    torque::prove(load, chain, (&Trajectory::stops(planned), &now), chain.all(), &mut scratch)
 }
 
 fn nearest_pair(config: &Config, anchor: &Anchor) -> [u32; 2] {

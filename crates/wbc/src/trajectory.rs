@@ -59,12 +59,8 @@ impl JointTrajectory {
     pub fn tick_then_stop(x: JointState, j: f64, stop: &JointStop) -> Self {
         let mut motion = Self::default();
         let next = motion.push(x, j, TICK_S);
-        motion.finish(next, stop)
-    }
-
-    /// Creates the motion of `stop` from `x`.
-    pub fn stop(x: JointState, stop: &JointStop) -> Self {
-        Self::default().finish(x, stop)
+        motion.finish(next, stop);
+        motion
     }
 
     fn push(&mut self, x: JointState, jerk: f64, duration: f64) -> JointState {
@@ -77,7 +73,7 @@ impl JointTrajectory {
         next
     }
 
-    fn finish(mut self, x: JointState, stop: &JointStop) -> Self {
+    fn finish(&mut self, x: JointState, stop: &JointStop) {
         let mut x = x;
         if self.len == 0 {
             self.knots[0].x = x;
@@ -90,7 +86,6 @@ impl JointTrajectory {
         let end = &mut self.knots[self.len];
         (end.x.v, end.x.a) = (0.0, 0.0);
         self.len += 1;
-        self
     }
 
     /// Time at which the joint comes to rest, s from now.
@@ -200,11 +195,11 @@ pub struct Trajectory {
 impl Trajectory {
     /// Creates the motion of all joints on their stops.
     pub fn stops(planned: &JointMotion) -> Self {
-        Self {
-            joints: std::array::from_fn(|j| {
-                JointTrajectory::stop(planned.joint(j), &JointStop::from_plan(&planned.plan, j))
-            }),
+        let mut motion = Self { joints: [JointTrajectory::default(); JOINTS_MAX] };
+        for (j, joint) in motion.joints.iter_mut().enumerate() {
+            joint.finish(planned.joint(j), &JointStop::from_plan(&planned.plan, j));
         }
+        motion
     }
 
     /// Time at which the last joint comes to rest, s from now.

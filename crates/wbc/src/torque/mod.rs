@@ -76,9 +76,9 @@ mod curve;
 #[cfg(test)]
 mod tests;
 
-use crate::chain::{BODIES, JointSet, KinematicChain, joints};
+use crate::chain::{BODIES, JointSet, KinematicChain, TurnedJoints, UNTURNED, joints, turn_joints};
 use crate::config::WbcError;
-use crate::dynamics::{Dynamics, Mass, PerJoint, Turned, TurnedJoints, turn_joints};
+use crate::dynamics::{Dynamics, Mass, PerJoint};
 use crate::plan::{JointState, PlannedMotion};
 use crate::trajectory::{Arc, Trajectory};
 use curve::Curves;
@@ -172,7 +172,7 @@ impl Load {
 
     /// Torques of all joints, N m or N.
     pub(crate) fn torques(&self, chain: &KinematicChain, x: &[JointState; JOINTS_MAX]) -> PerJoint {
-        let (mut torques, mut turned) = ([0.0; JOINTS_MAX], [Turned::default(); JOINTS_MAX]);
+        let (mut torques, mut turned) = ([0.0; JOINTS_MAX], UNTURNED);
         turn_joints(chain, |j| x[j].q, chain.all(), &mut turned);
         self.dynamics.torques(chain, &turned, x, chain.all(), &mut torques);
         torques
@@ -191,8 +191,6 @@ struct Node {
 #[derive(Clone, Debug)]
 pub(crate) struct TorqueScratch {
     nodes: [Node; DEPTH_MAX + 3],
-    /// The joints at the beginning of the tick.
-    pub(crate) now: TurnedJoints,
     /// The joints at the node that was evaluated last.
     turned: TurnedJoints,
     evaluations: u32,
@@ -204,14 +202,13 @@ pub(crate) struct TorqueScratch {
 impl TorqueScratch {
     pub(crate) fn new() -> Self {
         let node = Node { t: 0.0, x: [JointState::default(); JOINTS_MAX], torque: [0.0; JOINTS_MAX] };
-        let (turned, left) = ([Turned::default(); JOINTS_MAX], EVALUATIONS_OF_TICK);
-        Self { nodes: [node; DEPTH_MAX + 3], now: turned, turned, evaluations: 0, left, blamed: 0 }
+        let left = EVALUATIONS_OF_TICK;
+        Self { nodes: [node; DEPTH_MAX + 3], turned: UNTURNED, evaluations: 0, left, blamed: 0 }
     }
 
-    /// Begins a new tick at `q`, in which no evaluation has been made. All its motions begin there.
-    pub(crate) fn begin_tick(&mut self, chain: &KinematicChain, q: &PerJoint) {
+    /// Begins a new tick, in which no evaluation has been made.
+    pub(crate) fn begin_tick(&mut self) {
         self.left = EVALUATIONS_OF_TICK;
-        turn_joints(chain, |j| q[j], chain.all(), &mut self.now);
     }
 }
 
@@ -224,18 +221,18 @@ pub struct TorqueVerdict {
     pub evaluations: u32,
 }
 
-/// Proves `motion`, in which the joints `fresh` take new decisions. Joints whose torque does not depend on
-/// these are not checked, because they continue a proved plan.
+/// Proves `motion`, in which the joints `fresh` take new decisions, from the posture `now`. Joints whose torque does not
+/// depend on these are not checked, because they continue a proved plan.
 pub(crate) fn prove(
     load: &Load,
     chain: &KinematicChain,
-    motion: &Trajectory,
+    (motion, now): (&Trajectory, &TurnedJoints),
     fresh: JointSet,
     scratch: &mut TorqueScratch,
 ) -> TorqueVerdict {
     let before = scratch.left;
     scratch.evaluations = 0;
-    let mut proof = Proof { load, chain, motion, s: scratch };
+    let mut proof = Proof { load, chain, motion, now, s: scratch };
     let proved = proof.whole(load.affected(fresh));
     let evaluations = scratch.evaluations;
     scratch.left = before.saturating_sub(evaluations);
@@ -246,6 +243,7 @@ struct Proof<'a> {
     load: &'a Load,
     chain: &'a KinematicChain,
     motion: &'a Trajectory,
+    now: &'a TurnedJoints,
     s: &'a mut TorqueScratch,
 }
 
@@ -307,17 +305,23 @@ impl Proof<'_> {
     }
 
     fn evaluate(&mut self, node: usize, t: f64, needed: JointSet) {
-        let TorqueScratch { nodes, now, turned, evaluations, .. } = &mut *self.s;
+        let TorqueScratch { nodes, turned, evaluations, .. } = &mut *self.s;
         let node = &mut nodes[node];
         node.t = t;
+        let mut at_rest = true;
         for j in joints(needed) {
             node.x[j] = self.motion.joints[j].at(t);
+            at_rest &= node.x[j].is_at_rest();
         }
         if t > 0.0 {
             turn_joints(self.chain, |j| node.x[j].q, needed, turned);
         }
-        let turned = if t > 0.0 { turned } else { now };
-        self.load.dynamics.torques(self.chain, turned, &node.x, needed, &mut node.torque);
+        let turned = if t > 0.0 { turned } else { self.now };
+        if at_rest {
+            self.load.dynamics.torques_at_rest(self.chain, turned, needed, &mut node.torque);
+        } else {
+            self.load.dynamics.torques(self.chain, turned, &node.x, needed, &mut node.torque);
+        }
         *evaluations += 1;
     }
 

@@ -94,8 +94,10 @@ fn proved_motion_keeps_torque_limits_and_most_refused_do_not() {
     for _ in 0..2_000 {
         let planned = state(&config.bounds, &mut rng);
         let motion = Trajectory::stops(&planned);
-        scratch.begin_tick(chain, &planned.q);
-        let verdict = prove(load, chain, &motion, (1 << JOINTS) - 1, &mut scratch);
+        scratch.begin_tick();
+        let mut turned = UNTURNED;
+        turn_joints(chain, |j| planned.q[j], chain.all(), &mut turned);
+        let verdict = prove(load, chain, (&motion, &turned), (1 << JOINTS) - 1, &mut scratch);
         assert!(verdict.evaluations <= EVALUATIONS_MAX + 2);
         let now = load.torques(chain, &motion.joints.each_ref().map(|joint| joint.at(0.0)));
         let mut kept = true;
