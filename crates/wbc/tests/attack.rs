@@ -3,8 +3,10 @@
 use crate::support::{D_MIN_M, JOINTS, config, config_of, home, input, limits, made_up, shipped, towards};
 use judge::{Attacker, Checker, Robot, Rollout};
 use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
+use nalgebra::{Matrix3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use robot::{Obstacle, Solid};
 use wbc::{
     Candidate, Input, Interface, JointMotion, JointStop, Options, Permit, PlannedMotion, State, Target, certify_plan,
     certify_rest, tick,
@@ -51,20 +53,42 @@ fn attack_on_shipped_robot_breaks_no_limit_or_clearance() {
     assert_eq!(checker.violations, 0, "{:#?}", checker.first);
 }
 
-/// Also with an interface, whose deviation every pair must keep. `torture` compares the shipped robot's decisions.
+/// Also with an interface, whose deviation every pair must keep, and with obstacles. Each 1,000 ticks the driver's state is
+/// another posture, often out of limits or in collision, from which the robot recovers for 500 ticks.
 #[test]
 fn decisions_do_not_depend_on_skipped_pairs() {
-    let robot = made_up();
-    for (seed, interface) in [(103, Interface::default()), (105, Interface::JTC_100_HZ)] {
+    let mut surrounded = shipped();
+    let solids = [
+        Solid::HalfSpace { normal: Vector3::z(), offset_m: 0.3 },
+        Solid::Box { center: Vector3::new(0.6, 0.3, 0.8), r: Matrix3::identity(), half_m: Vector3::repeat(0.1) },
+    ];
+    surrounded.obstacles = solids.map(|solid| Obstacle { name: "solid".into(), solid }).to_vec();
+    let cases = [
+        (103, made_up(), Interface::default()),
+        (105, made_up(), Interface::JTC_100_HZ),
+        (7, Robot::new(surrounded), Interface::default()),
+    ];
+    for (seed, robot, interface) in cases {
+        let (mut rng, mut recovered) = (Pcg64::seed_from_u64(seed), 0);
         let options = [Options::default(), Options::without_skips_for_tests()];
         let [config, thorough] = options.map(|options| config_of(&robot, options.interface(interface)));
         let mut states = [&config, &thorough].map(|config| State::at_rest(config, robot.home));
         let mut attacker = Attacker::new(&robot, Pcg64::seed_from_u64(seed));
         for k in 0..20_000 {
             attacker.next(k, &states[0].planned().q);
-            let out = tick(&config, &mut states[0], Stamp::NONE, input(k, &attacker));
-            assert_eq!(out, tick(&thorough, &mut states[1], Stamp::NONE, input(k, &attacker)), "seed {seed}, k {k}");
+            let mut input = input(k, &attacker);
+            if k % 1000 == 500 {
+                let there = states[0].planned().q.map(|q| if q == 0.0 { q } else { q + rng.random_range(-0.3..0.3) });
+                states.iter_mut().for_each(|state| state.reseed(&JointMotion::rest(there)));
+            }
+            if k % 1000 >= 500 {
+                input.permit = Permit::Recover;
+            }
+            let out = tick(&config, &mut states[0], Stamp::NONE, input);
+            assert_eq!(out, tick(&thorough, &mut states[1], Stamp::NONE, input), "seed {seed}, k {k}");
+            recovered += u32::from(input.permit == Permit::Recover && out.candidate == Candidate::All);
         }
+        assert!(recovered > 100, "seed {seed}: {recovered} steps of recovery");
     }
 }
 
