@@ -5,9 +5,10 @@ use crate::support::motion::{NO_PLAN, T, resting, set_joint, set_stopping, stop_
 use crate::support::{JOINTS, model};
 use judge::joint::{Joint, Stop};
 use messages::{JOINTS_MAX, JointMotion, Stamp, StopPlan};
+use nalgebra::{Matrix3, Vector3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use robot::{Frames, JointLimits, Model, Pose};
+use robot::{Frames, JointLimits, Model, Obstacle, Pose, Solid};
 use safety::clearance::clearance;
 use safety::engage::Permit;
 use safety::gate::{Check, Config, ConfigError, Decision, Denial, Proposed, State, Verdict, tick};
@@ -355,6 +356,31 @@ fn attack_gate(model: &Model, ticks: u64, seed: u64) {
         assert!(report.accepted > ticks / 20 && report.clearance > 0, "{report:?}");
     }
     println!("{report:?}");
+}
+
+/// With obstacles, with a driver whose state is another posture each 200 ticks, and while the robot recovers.
+#[test]
+fn verdicts_do_not_depend_on_known_distances() {
+    let mut model = model();
+    let solids = [
+        Solid::HalfSpace { normal: Vector3::z(), offset_m: 0.2 },
+        Solid::Box { center: Vector3::new(0.6, 0.3, 0.8), r: Matrix3::identity(), half_m: Vector3::repeat(0.1) },
+    ];
+    model.obstacles = solids.map(|solid| Obstacle { name: "solid".into(), solid }).to_vec();
+    let mut adversary = Adversary::new(&model, 3);
+    let mut accepted = [0; 2];
+    for n in 0..20_000 {
+        if n % 200 == 0 {
+            adversary.reseed(n % 400 == 0);
+        }
+        let before = adversary.report.accepted;
+        adversary.step();
+        accepted[n / 200 % 2] += adversary.report.accepted - before;
+    }
+    // A state within a limit or an obstacle is nothing that the gate let through, so only the comparison counts.
+    let differs = adversary.report.violations.iter().find(|violation| violation.contains("without bounds"));
+    assert_eq!(differs, None);
+    assert!(accepted.iter().all(|&count| count > 100) && adversary.report.clearance > 100, "{accepted:?}");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use judge::Robot;
 use judge::joint::{Joint, rest_of, stop_of};
 use judge::limits::{Breach, Slack};
-use messages::{JOINTS_MAX, Layout, Stamp, StopPlan};
+use messages::{JOINTS_MAX, JointMotion, Layout, Stamp, StopPlan};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Model;
@@ -40,6 +40,7 @@ pub struct Adversary {
     /// The same, but every pair is looked at.
     thorough: (Config, State),
     k: u64,
+    permit: Permit,
     /// Direction in which each joint is pushed, as a share of its jerk limit.
     push: [f64; JOINTS_MAX],
     pub report: Report,
@@ -55,13 +56,14 @@ impl Adversary {
             config,
             state: State::at_rest(model.home),
             k: 10,
+            permit: Permit::Follow { speed_scale: 1.0 },
             push: [0.0; JOINTS_MAX],
             report: Report::default(),
         }
     }
 
     fn sent(&self) -> Proposed {
-        Proposed { k: self.k, permit: Permit::Follow { speed_scale: 1.0 }, motion: self.state.motion() }
+        Proposed { k: self.k, permit: self.permit, motion: self.state.motion() }
     }
 
     /// A proposal at the edge of the allowed range. Every joint goes as far in its direction as a few tries reach.
@@ -118,6 +120,16 @@ impl Adversary {
                 set_joint(p, j, x);
             }
         }
+    }
+
+    /// Starts both gates again near where they are, at rest, as a driver does. From then on the robot may `recover`, or follow.
+    pub fn reseed(&mut self, recover: bool) {
+        let q = self.state.motion().q;
+        let there = std::array::from_fn(|j| if j < JOINTS { q[j] + self.rng.random_range(-0.1..0.1) } else { q[j] });
+        let seed = JointMotion::rest(there);
+        self.state.reseed(&seed);
+        self.thorough.1.reseed(&seed);
+        self.permit = if recover { Permit::Recover } else { Permit::Follow { speed_scale: 1.0 } };
     }
 
     /// Does one tick and judges it.
