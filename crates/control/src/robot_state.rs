@@ -2,7 +2,7 @@
 
 use crate::{Commander, Config};
 use messages::{JOINTS_MAX, Mode, RobotState, Stamp, state_flag};
-use robot::Frames;
+use robot::{Frames, Model};
 use safety::engage::RobotView;
 use safety::monitor;
 
@@ -25,6 +25,7 @@ pub(super) struct Robot {
     pub(super) tracking: [monitor::Farthest; 2],
     near: monitor::Near,
     frames: Frames,
+    distances: monitor::Distances,
 }
 
 /// Clearance of the measured posture, and the joint that inhibits a start.
@@ -36,7 +37,7 @@ pub(super) struct Posture {
 
 impl Robot {
     /// Before the first state.
-    pub(super) fn new() -> Self {
+    pub(super) fn new(model: &Model) -> Self {
         Self {
             newest: None,
             stranger: None,
@@ -47,6 +48,7 @@ impl Robot {
             tracking: [monitor::Farthest::default(); 2],
             near: monitor::Near::new(),
             frames: Frames::default(),
+            distances: monitor::Distances::new(model),
         }
     }
 
@@ -111,14 +113,16 @@ impl Robot {
             return (RobotView { received: self.stranger.unwrap_or(Stamp::NONE), ..RobotView::default() }, None);
         };
         let model = &config.model;
-        let clearance = monitor::measured_clearance(model, &mut self.frames, &state.q_measured);
+        let clearance = self.distances.clearance(model, &state.q_measured);
         // These inhibit a start, and a recovery ends them. In any other motion the certificate and `CollisionNear`
         // protect the robot.
         let may_start = matches!(mode, Mode::Disengaged | Mode::Recovering);
-        let outside = monitor::outside_limits(model, &state.q_measured)
-            .or_else(|| monitor::commanded_outside(model, &state.q))
-            .or_else(|| overloaded(config, commander, &state.q))
-            .filter(|_| may_start);
+        let outside = || {
+            monitor::outside_limits(model, &state.q_measured)
+                .or_else(|| monitor::commanded_outside(model, &state.q))
+                .or_else(|| overloaded(config, commander, &state.q))
+        };
+        let outside = may_start.then(outside).flatten();
         let in_collision = may_start && self.too_close_to_start(config, &state, clearance);
         let [angle_rad, length_m] = self.tracking;
         let is_tracked = angle_rad.error <= config.tracking_max[0] && length_m.error <= config.tracking_max[1];
@@ -153,7 +157,7 @@ impl Robot {
     /// commanded one is closer than any certified plan ends. A robot at rest at the very bound may start again:
     /// encoder noise alone refuses no start.
     fn too_close_to_start(&mut self, config: &Config, state: &RobotState, measured: monitor::Clearance) -> bool {
-        let commanded = monitor::measured_clearance(&config.model, &mut self.frames, &state.q);
+        let commanded = self.distances.clearance(&config.model, &state.q);
         !measured.is_at_least(config.model.d_measured_min_m)
             || !commanded.is_at_least(config.model.d_min_m - CLEARANCE_ROUNDING_M)
     }

@@ -37,7 +37,7 @@ impl State {
             sequence: 0,
             last_k: None,
             targets: Targets::default(),
-            robot: Robot::new(),
+            robot: Robot::new(&config.model),
             stream: None,
             engage: engage::State::new(),
             following: Following::default(),

@@ -2,7 +2,7 @@
 
 use messages::JOINTS_MAX;
 use nalgebra::Vector3;
-use robot::{CAPSULES_MAX, Frames, Model, Pair, Solid};
+use robot::{CAPSULES_MAX, Capsule, Frames, Model, Solid};
 
 /// The least distance over the checked pairs, and over all pairs of a moving capsule and an obstacle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,10 +40,85 @@ impl Axis {
         (self.middle - other.middle).norm() - self.half_m - other.half_m - self.radius_m - other.radius_m
     }
 
+    /// Longest way of an end from `before`, m. No other point of the axis moved farther.
+    fn farthest_m(&self, before: &Self) -> f64 {
+        let moved = [0, 1].map(|i| (self.ends[i] - before.ends[i]).norm_squared());
+        moved[0].max(moved[1]).sqrt()
+    }
+
     /// Distance between the ball around the capsule and a ball of `radius_m` about `center`, m.
     pub(crate) fn point_bound_m(&self, center: &Vector3<f64>, radius_m: f64) -> f64 {
         (self.middle - center).norm() - self.half_m - radius_m - self.radius_m
     }
+}
+
+/// Rounding of a distance and of the sums of paths, m. They begin again after [`MOVES_MAX`] postures.
+const SPARE_M: f64 = 1e-6;
+const MOVES_MAX: u32 = 1 << 16;
+
+/// Distances of the last postures. A pair was D apart when it was measured. Since then no point of its two axes moved
+/// farther than the ends' paths. While D less these paths is more than the least distance, it is not measured again.
+#[derive(Clone, Debug)]
+pub struct Distances {
+    frames: Frames,
+    axes: [Axis; CAPSULES_MAX],
+    /// Path of each capsule so far, m.
+    paths: [f64; CAPSULES_MAX],
+    moves: u32,
+    /// For each pair, its distance when it was measured plus the paths of both capsules then, m.
+    bounds: Vec<f64>,
+    nearest: usize,
+}
+
+impl Distances {
+    /// Creates the memory for a robot of `model`. Nothing is known yet.
+    pub fn new(model: &Model) -> Self {
+        let (axes, paths) = ([Axis::default(); CAPSULES_MAX], [0.0; CAPSULES_MAX]);
+        let bounds = vec![f64::NEG_INFINITY; model.pairs.len()];
+        Self { frames: Frames::default(), axes, paths, moves: 0, bounds, nearest: 0 }
+    }
+
+    /// As [`clearance`]. Of pairs with exactly the same distance it may name another one. Never allocates.
+    pub fn clearance(&mut self, model: &Model, q: &[f64; JOINTS_MAX]) -> Clearance {
+        if q.iter().any(|q| !q.is_finite()) {
+            return Clearance { distance_m: f64::NAN, pair: [0; 2] };
+        }
+        let Self { frames, axes, paths, bounds, nearest, .. } = self;
+        model.forward(q, frames);
+        for ((axis, path), capsule) in axes.iter_mut().zip(&mut *paths).zip(&model.capsules) {
+            let before = std::mem::replace(axis, placed(frames, capsule));
+            *path += axis.farthest_m(&before);
+        }
+        self.moves += 1;
+        if self.moves > MOVES_MAX {
+            (self.moves, *paths) = (0, [0.0; CAPSULES_MAX]);
+            bounds.fill(f64::NEG_INFINITY);
+        }
+        let mut least = Clearance { distance_m: f64::INFINITY, pair: [0; 2] };
+        // The pair that was nearest is measured first, so that most others are known to be farther apart.
+        let first = *nearest;
+        let order = model.pairs.iter().enumerate().skip(first).take(1).chain(model.pairs.iter().enumerate());
+        for (index, pair) in order {
+            let path = paths[pair.a] + paths[pair.b];
+            if bounds[index] - path - SPARE_M > least.distance_m {
+                continue;
+            }
+            let (a, b) = (&axes[pair.a], &axes[pair.b]);
+            let distance_m = between_segments(&a.ends, &b.ends) - a.radius_m - b.radius_m;
+            bounds[index] = distance_m + path;
+            if distance_m < least.distance_m || distance_m.is_nan() {
+                least = Clearance { distance_m, pair: [pair.a as u32, pair.b as u32] };
+                *nearest = index;
+            }
+        }
+        from_obstacles(model, axes, least)
+    }
+}
+
+/// The axis of a capsule in the base frame.
+fn placed(frames: &Frames, capsule: &Capsule) -> Axis {
+    let pose = &frames.base_from_body[capsule.body];
+    Axis::new(pose.r * capsule.a + pose.t, pose.r * capsule.b + pose.t, capsule.radius_m)
 }
 
 /// Least distance over the checked pairs of `model` and over its obstacles, at posture `q` (rad, m). `frames`
@@ -55,11 +130,10 @@ pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS_MAX]) -> C
     model.forward(q, frames);
     let mut axes = [Axis::default(); CAPSULES_MAX];
     for (axis, capsule) in axes.iter_mut().zip(&model.capsules) {
-        let pose = &frames.base_from_body[capsule.body];
-        *axis = Axis::new(pose.r * capsule.a + pose.t, pose.r * capsule.b + pose.t, capsule.radius_m);
+        *axis = placed(frames, capsule);
     }
     let mut least = Clearance { distance_m: f64::INFINITY, pair: [0; 2] };
-    for pair in nearest_balls(model, &axes).into_iter().chain(&model.pairs) {
+    for pair in &model.pairs {
         let (first, second) = (&axes[pair.a], &axes[pair.b]);
         if first.bound_m(second) >= least.distance_m {
             continue;
@@ -71,18 +145,6 @@ pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS_MAX]) -> C
         }
     }
     from_obstacles(model, &axes, least)
-}
-
-/// The pair whose balls are nearest. If it is measured first, most other pairs can be skipped.
-fn nearest_balls<'a>(model: &'a Model, axes: &[Axis; CAPSULES_MAX]) -> Option<&'a Pair> {
-    let (mut nearest, mut least_m) = (None, f64::INFINITY);
-    for pair in &model.pairs {
-        let bound_m = axes[pair.a].bound_m(&axes[pair.b]);
-        if bound_m < least_m {
-            (nearest, least_m) = (Some(pair), bound_m);
-        }
-    }
-    nearest
 }
 
 /// The lesser of `least` and the least distance between a moving capsule and an obstacle.
@@ -326,6 +388,27 @@ pub(crate) mod tests {
         let mut nan = model.home;
         nan[3] = f64::NAN;
         assert!(clearance(&model, &mut frames, &nan).distance_m.is_nan());
+    }
+
+    /// A walk by steps of all sizes, with and without obstacles.
+    #[test]
+    fn known_distances_give_the_same_clearance() {
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(6);
+        let mut frames = Frames { base_from_body: [Pose::identity(); JOINTS_MAX + 1] };
+        for surrounded in [false, true] {
+            let mut model = shipped();
+            model.obstacles = if surrounded { solids(&mut rng) } else { vec![] };
+            let mut distances = Distances::new(&model);
+            let mut q = model.home;
+            for n in 0..20_000 {
+                let step = 10_f64.powf(rng.random_range(-6.0..-1.0));
+                for (q, limits) in q.iter_mut().zip(&model.limits) {
+                    *q = (*q + rng.random_range(-step..=step)).clamp(limits.q_min, limits.q_max);
+                }
+                let (own, all) = (distances.clearance(&model, &q), clearance(&model, &mut frames, &q));
+                assert_eq!(own, all, "{n}");
+            }
+        }
     }
 
     #[test]

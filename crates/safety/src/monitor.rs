@@ -7,7 +7,7 @@ mod target;
 use messages::JOINTS_MAX;
 use robot::{Frames, Model};
 
-pub use crate::clearance::Clearance;
+pub use crate::clearance::{Clearance, Distances};
 pub use feedback::{Feedback, Judged, Sample};
 pub use movement::{Moved, Movement, rest_band};
 pub use target::{TargetSteps, far_behind};
