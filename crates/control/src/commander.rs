@@ -8,6 +8,8 @@ use safety::{engage, gate};
 pub struct Commander {
     wbc: wbc::State,
     gate: gate::State,
+    /// The gate's motion.
+    commanded: JointMotion,
 }
 
 /// Result of one tick of both.
@@ -24,13 +26,15 @@ pub struct Commanded {
 impl Commander {
     /// Creates both at rest at `q` (rad, m).
     pub fn at_rest(config: &wbc::Config, q: [f64; JOINTS_MAX]) -> Self {
-        Self { wbc: wbc::State::at_rest(config, q), gate: gate::State::at_rest(q) }
+        let gate = gate::State::at_rest(q);
+        Self { wbc: wbc::State::at_rest(config, q), commanded: gate.motion(), gate }
     }
 
     /// Continues from the state that the driver executes. Never allocates.
     pub fn reseed(&mut self, motion: &JointMotion) {
         self.wbc.reseed(motion);
         self.gate.reseed(motion);
+        self.commanded = self.gate.motion();
     }
 
     /// Sets the payloads of the hands from now on; see [`wbc::State::carry`].
@@ -51,8 +55,8 @@ impl Commander {
     }
 
     /// The last motion that the gate returned.
-    pub fn commanded(&self) -> JointMotion {
-        self.gate.motion()
+    pub const fn commanded(&self) -> &JointMotion {
+        &self.commanded
     }
 
     /// Limits the reference of tick `k`: whole-body control proposes a motion with a certified stop. Never allocates,
@@ -79,6 +83,7 @@ impl Commander {
     ) -> Commanded {
         let decision = gate::tick(gate, &mut self.gate, now, gate::Proposed { k, permit, motion: proposed.motion });
         let motion = decision.motion;
+        self.commanded = motion;
         let denied = match decision.verdict {
             gate::Verdict::Deny(denial) => Some(denial),
             gate::Verdict::Accept | gate::Verdict::OnPlan => None,

@@ -84,7 +84,7 @@ impl State {
         let missed = self.last_k.map_or(0, |last| input.k.saturating_sub(last + 1));
         self.last_k = Some(input.k);
         self.targets.receive(config, now, [input.target, input.policy]);
-        let JointMotion { q, .. } = self.commander.commanded();
+        let &JointMotion { q, .. } = self.commander.commanded();
         let takes_over = [0, 1].map(|side| input.operator.takes_over[side] && !input.operator.left_out[side]);
         self.targets.lead(&config.model, now, takes_over, &q, self.engage.mode());
         let first_second = self.report.status.speed_scale <= engage::SPEED_SCALE_FIRST;
@@ -144,7 +144,7 @@ impl State {
         decided: &engage::Output,
         target: Option<&Target>,
     ) -> Option<Reference> {
-        let JointMotion { q, v, .. } = self.commander.commanded();
+        let &JointMotion { q, v, .. } = self.commander.commanded();
         let reference = self.following.reference(config, input.k, (&q, &v), decided.permit, target, is_late(decided));
         self.anchor.hold(&config.model, reference, &q, input.operator.left_out)
     }
