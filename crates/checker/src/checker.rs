@@ -279,9 +279,12 @@ fn check_place(config: &Config, report: &mut Report, from: &Setpoint, to: &Setpo
 /// Checks the torques that the links' motion needs from the motors.
 fn check_torques(config: &Config, report: &mut Report, to: &Setpoint) {
     let torques = config.links.torques(&to.q, &to.v, &to.a);
+    report.torque_share = 0.0;
     for (j, torque) in torques.into_iter().enumerate() {
         let effort = config.limits[j].effort_max;
-        report.torque_share_max[j] = report.torque_share_max[j].max(torque.abs() / effort);
+        let share = torque.abs() / effort;
+        report.torque_share_max[j] = report.torque_share_max[j].max(share);
+        report.torque_share = report.torque_share.max(share);
         let within = torque.abs() <= effort;
         if !within {
             count(report, ViolationKind::Torque, to.k, j, torque, effort);

@@ -56,6 +56,8 @@ pub struct Report {
     pub min_proved_clearance_m: f64,
     /// The largest torque of each joint over its effort limit, by the dynamics of the links in every executed motion.
     pub(crate) torque_share_max: [f64; JOINTS_MAX],
+    /// The largest of these ratios in the newest executed step that was judged for it.
+    pub torque_share: f64,
     /// Number of times that the mode became Engaging with the robot at rest.
     pub engagements: u64,
     /// The largest step of a revolute joint in the first tick of Engaging from rest, rad.
@@ -74,6 +76,7 @@ impl Default for Report {
             min_clearance_m: f64::INFINITY,
             min_proved_clearance_m: f64::INFINITY,
             torque_share_max: [0.0; JOINTS_MAX],
+            torque_share: 0.0,
             engagements: 0,
             engage_max_step_rad: 0.0,
             engage_first_second_velocity_ratio: 0.0,

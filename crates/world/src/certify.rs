@@ -7,7 +7,8 @@ use messages::{JOINTS_MAX, Mode};
 use motion::{CalibrationMode, Motion};
 use robot::Names;
 
-/// A certified command. `replay --offline` writes the same positions and targets.
+/// A certified command. `replay --offline` writes the same positions and targets, until the robot stands. How long it stands
+/// before the end depends on the simulated body, which moves there and not here.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CertifiedRow {
     /// Ticks since the enable, 1500 a second.
@@ -39,7 +40,8 @@ pub enum Uncertified<E> {
     Ended(E),
 }
 
-/// Plays `motion` from the enable until the robot is at rest again. `each` gets the first of every `every` commands. Its
+/// Plays `motion` from the enable until the robot is at rest again, without a body: its joints are where the commands sent
+/// them, and so is what the report says of the measured ones. `each` gets the first of every `every` commands. Its
 /// error ends the run.
 ///
 /// # Errors
@@ -53,9 +55,7 @@ pub fn certify<E>(
 ) -> Result<OfflineReport, Uncertified<E>> {
     motion.stands_from().map_err(|why| Uncertified::Refused(why.to_owned()))?;
     let options = PlayOptions { speed: 1.0, looped: false, calibration };
-    let mut offline = Offline::new(loaded, motion, options).map_err(Uncertified::Settings)?;
-    let limits = checker::strictest(&loaded.model);
-    let dynamics = offline.checker_config().clone();
+    let mut offline = Offline::new(loaded, motion, options).map_err(Uncertified::Settings)?.without_body();
     // A slow motion is played with frames between its own.
     let frames_per_played = motion.frame_rate_hz / offline.played_rate_hz();
     let end = offline.try_play(|tick| {
@@ -63,8 +63,6 @@ pub fn certify<E>(
         let Some((control, command)) = tick.moment.control.and_then(|control| Some((control, control.command?))) else {
             return Ok(());
         };
-        let torques = dynamics.torques(&command.q, &command.v, &command.a);
-        let shares = torques.iter().zip(&limits).map(|(torque, limits)| torque.abs() / limits.effort_max);
         each(&CertifiedRow {
             k: row.k,
             q: row.command,
@@ -72,7 +70,7 @@ pub fn certify<E>(
             target: row.target,
             mode: Mode::from_u32(control.status.mode).unwrap_or(Mode::Faulted),
             clearance_m: control.status.clearance_command_m,
-            torque_share: shares.take(loaded.model.count).fold(0.0, f64::max),
+            torque_share: tick.torque_share,
             // The product of two rates has rounding errors.
             frame: tick.frame.map(|frame| (frame as f64 * frames_per_played + 1e-6) as usize),
         })

@@ -78,6 +78,8 @@ pub struct PlayedTick<'a> {
     pub progress: (u64, u64),
     /// Newest frame of the motion as it is played. `None` before the motion begins.
     pub frame: Option<usize>,
+    /// Largest ratio of torque to its joint's effort limit in the executed command, by the dynamics of the links.
+    pub torque_share: f64,
 }
 
 /// A run in progress.
@@ -116,6 +118,13 @@ impl Offline {
             limb_measured_sum_rad: 0.0,
             limb_count: 0,
         })
+    }
+
+    /// Does the same without the robot's body: its joints are where the last command sent them.
+    #[must_use]
+    pub(crate) fn without_body(mut self) -> Self {
+        self.world.robot_mut().without_body();
+        self
     }
 
     /// Does the same with these faults of the links.
@@ -182,11 +191,6 @@ impl Offline {
         &self.status
     }
 
-    /// The checker of the executed commands, with the dynamics of the links.
-    pub(crate) fn checker_config(&self) -> &checker::Config {
-        self.config.checker()
-    }
-
     /// Frames per second of the motion as it is played.
     pub(crate) fn played_rate_hz(&self) -> f64 {
         self.player.motion().frame_rate_hz
@@ -199,7 +203,8 @@ impl Offline {
 
     fn played<'a>(&self, moment: &'a Moment, operator: &'a OperatorView, row: Option<Row>) -> PlayedTick<'a> {
         let frame = self.report.frames.last().map(|(frame, _)| *frame);
-        PlayedTick { moment, operator, row, progress: self.player.progress(), frame }
+        let torque_share = self.world.report().torque_share;
+        PlayedTick { moment, operator, row, progress: self.player.progress(), frame, torque_share }
     }
 
     /// Returns the reason if the run ends before row `k`.

@@ -2,8 +2,8 @@
 //! run the same two.
 
 use checker::CheckerError;
-use driver::{DriveInput, DriveOutput, Measured, Setpoint};
-use messages::{JOINTS_MAX, Stamp, deadline};
+use driver::{DriveInput, DriveOutput, Driver, Measured, Setpoint};
+use messages::{GripperMotion, GripperState, JOINTS_MAX, Stamp, StopPlan, deadline};
 use plant::{Injection, Port, Robot};
 use robot::{Model, Solid};
 
@@ -110,6 +110,8 @@ pub(crate) fn robot_config(
 pub struct State {
     driver: checker::State,
     robot: Robot,
+    /// The measurement of joints that have no body.
+    ideal: Option<Box<Measured>>,
 }
 
 impl State {
@@ -128,7 +130,13 @@ impl State {
         }
         let mut robot = Robot::new(&config.robot, deadline(k), q, seed);
         let measured = measure(config, &mut robot, deadline(k));
-        Some(Self { driver: checker::State::new(&config.driver, k, &measured, &measured, seed)?, robot })
+        let driver = checker::State::new(&config.driver, k, &measured, &measured, seed)?;
+        Some(Self { driver, robot, ideal: None })
+    }
+
+    /// Takes the joints' body away at rest. From now on they are where the last setpoint sent them.
+    pub(crate) fn without_body(&mut self) {
+        self.ideal = Some(Box::new(*self.driver.measured()));
     }
 
     /// Replaces the driver by one that starts at index `k` on the robot as it is. Returns false and changes
@@ -201,7 +209,7 @@ impl State {
 }
 
 fn measure(config: &Config, robot: &mut Robot, now: Stamp) -> Measured {
-    driver::Driver::read(&mut Port::new(&config.robot, robot), now)
+    Driver::read(&mut Port::new(&config.robot, robot), now)
 }
 
 /// Moves the robot to `now`, executes up to the index that is due, and checks every step.
@@ -221,6 +229,37 @@ fn measure(config: &Config, robot: &mut Robot, now: Stamp) -> Measured {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: DriveInput<'_>) -> DriveOutput {
-    let State { driver, robot } = state;
-    checker::drive(&config.driver, driver, now, input, &mut Port::new(&config.robot, robot))
+    let State { driver, robot, ideal } = state;
+    let Some(joints) = ideal else {
+        return checker::drive(&config.driver, driver, now, input, &mut Port::new(&config.robot, robot));
+    };
+    let gripped = robot.gripped(&config.robot, now);
+    checker::drive(&config.driver, driver, now, input, &mut Bodiless { robot, gripped, joints })
+}
+
+/// The port of joints without a body.
+struct Bodiless<'a> {
+    robot: &'a mut Robot,
+    gripped: GripperState,
+    joints: &'a mut Measured,
+}
+
+impl Driver for Bodiless<'_> {
+    fn read(&mut self, now: Stamp) -> Measured {
+        self.joints.stamp = now;
+        *self.joints
+    }
+
+    fn write(&mut self, _: Stamp, setpoint: &Setpoint, _: &StopPlan) -> bool {
+        (self.joints.q, self.joints.dq) = (setpoint.q, setpoint.v);
+        true
+    }
+
+    fn grip(&mut self, grippers: &GripperMotion) {
+        self.robot.grip(grippers);
+    }
+
+    fn gripped(&self) -> Option<GripperState> {
+        Some(self.gripped)
+    }
 }

@@ -69,11 +69,6 @@ impl WorldConfig {
         })
     }
 
-    /// The checker of the executed commands.
-    pub(crate) const fn checker(&self) -> &checker::Config {
-        self.robot.driver()
-    }
-
     /// As [`WorldConfig::new`], but the robot may be outside its limits or too close to itself when its driver
     /// starts. That is no violation. Going further out is one.
     pub fn recoverable(loaded: &Loaded) -> Result<Self, ConfigError> {

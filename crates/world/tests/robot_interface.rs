@@ -5,7 +5,7 @@ use crate::support::{shipped, write_settings};
 use client::PlayOptions;
 use config::{Interface, Loaded, Overrides};
 use std::path::Path;
-use world::{Offline, OfflineEnd, OfflineReport};
+use world::{Offline, OfflineEnd, OfflineReport, certify};
 
 fn load(config: &Path, interface: Option<Interface>) -> Loaded {
     config::load(config, Overrides { interface, ..Overrides::default() }).unwrap_or_else(|error| panic!("{error}"))
@@ -17,6 +17,30 @@ fn replay(loaded: &Loaded) -> OfflineReport {
     let mut run = Offline::new(loaded, &motion::builtin(), options).expect("every stage takes the robot");
     assert_eq!(run.play(|_| ()), OfflineEnd::AtRest);
     run.report().clone()
+}
+
+/// Only how long it stands at the end depends on the robot's body.
+#[test]
+fn certified_commands_are_those_of_a_robot_with_a_body() {
+    for interface in [None, Some(Interface::Jtc100)] {
+        let (loaded, mut motion) = (load(&shipped("teleop.toml"), interface), motion::builtin());
+        motion.frames.truncate(300);
+        let calibration = motion::CalibrationMode::First10s;
+        let options = PlayOptions { speed: 1.0, looped: false, calibration };
+        let (mut played, mut certified) = (Vec::new(), Vec::new());
+        let mut run = Offline::new(&loaded, &motion, options).expect("every stage takes the robot");
+        let end = run.play(|tick| played.extend(tick.row.map(|row| (row.command, row.target))));
+        assert_eq!(end, OfflineEnd::AtRest);
+        let report = certify(&loaded, &motion, calibration, 1, |row| {
+            certified.push((row.q, row.target));
+            Ok::<_, ()>(())
+        });
+        assert_eq!(report.expect("a certified motion").violations.values().sum::<u64>(), 0);
+        let same = played.iter().zip(&certified).take_while(|(one, other)| one == other).count();
+        assert!(same > 8000 && same == played.len().min(certified.len()), "{same} of {}", played.len());
+        let [last, before] = [1, 200].map(|back| played[played.len() - back].0);
+        assert!(last == before && played.len().abs_diff(certified.len()) < 200, "{}", certified.len());
+    }
 }
 
 fn assert_clean(report: &OfflineReport) {
