@@ -1,40 +1,64 @@
 //! Plays a motion through all stages in virtual time, and keeps every command.
 
-use super::run::{Rows, Shared};
-use messages::TICK_HZ;
+use super::failed;
+use super::run::{Row, Shared};
+use messages::{JOINTS_MAX, TICK_HZ};
 use motion::Motion;
 use rt::{Exit, Failure};
+use std::fs::File;
+use std::io::{BufReader, BufWriter, Read, Seek, Write};
 use std::path::Path;
 use world::Uncertified;
 
-/// Largest number of commands of a file: ten minutes, 180 MB. `replay --offline` has no bound.
-const COMMANDS_MAX: usize = 600 * TICK_HZ as usize;
-
-/// Returns the commands of a motion, from the robot's start until it is at rest again. `None` if `interrupted` returned true.
+/// Returns the commands of a motion and their number, from the robot's start until it is at rest again. `None` if
+/// `interrupted` returned true. Those of an hour take 780 MB, so they stand in a file without a name beside `output`.
 ///
 /// # Errors
-/// Returns why the robot was stopped or did not engage, or that the motion is too long.
+/// Returns why the robot was stopped or did not engage, or that the folder takes no file.
 pub(super) fn commands(
     shared: &Shared<'_>,
     input: &Path,
+    output: &Path,
     motion: &Motion,
     interrupted: impl Fn() -> bool,
-) -> Result<Option<Rows>, Failure> {
+) -> Result<Option<(usize, impl Iterator<Item = Result<Row, (usize, &'static str)>>)>, Failure> {
     let Some(loaded) = &shared.loaded else { return Ok(None) };
-    let mut rows = Vec::new();
+    let place = output.with_extension("rows.part");
+    if let Some(folder) = place.parent() {
+        std::fs::create_dir_all(folder).map_err(failed(folder, "create the folder"))?;
+    }
+    // A file that remains of a killed run is not opened: it may be a link.
+    let _ = std::fs::remove_file(&place);
+    let file =
+        File::options().read(true).write(true).create_new(true).open(&place).map_err(failed(&place, "create"))?;
+    std::fs::remove_file(&place).map_err(failed(&place, "remove"))?;
+    let (mut rows, mut count, joints) = (BufWriter::new(file), 0, loaded.model.count);
     let certified = world::certify(loaded, motion, shared.cli.calibration, 1, |row| {
-        rows.push((row.k as f64 / TICK_HZ as f64, row.q));
-        if rows.len() > COMMANDS_MAX || interrupted() { Err(()) } else { Ok(()) }
-    });
-    let failed = |why: String| Failure::new(Exit::Failed, format!("{}: {why}", input.display()));
-    match certified {
-        Ok(_) => Ok(Some(rows)),
-        Err(Uncertified::Ended(())) if rows.len() > COMMANDS_MAX => {
-            let seconds = COMMANDS_MAX / TICK_HZ as usize;
-            Err(failed(format!("longer than {seconds} s; play it alone with replay --offline, which has no bound")))
+        if interrupted() {
+            return Err(None);
         }
-        Err(Uncertified::Ended(())) => Ok(None),
+        count += 1;
+        let time_s = row.k as f64 / TICK_HZ as f64;
+        let mut values = std::iter::once(time_s).chain(row.q[..joints].iter().copied());
+        values.try_for_each(|value| rows.write_all(&value.to_le_bytes())).map_err(Some)
+    });
+    let write = failed(&place, "write");
+    match certified {
+        Ok(_) => {
+            let rows = rows.into_inner().map_err(|error| error.into_error());
+            let mut rows = rows.and_then(|mut file| file.rewind().map(|()| BufReader::new(file))).map_err(write)?;
+            let read = move |index| {
+                let mut row = [[0; 8]; 1 + JOINTS_MAX];
+                let bytes = row[..=joints].as_flattened_mut();
+                rows.read_exact(bytes).map_err(|_| (index, "cannot be read again from the folder of --out"))?;
+                let [time_s, q @ ..] = row.map(f64::from_le_bytes);
+                Ok((time_s, q))
+            };
+            Ok(Some((count, (0..count).map(read))))
+        }
+        Err(Uncertified::Ended(None)) => Ok(None),
+        Err(Uncertified::Ended(Some(error))) => Err(write(error)),
         Err(Uncertified::Settings(error)) => Err(Failure::new(Exit::Config, error)),
-        Err(Uncertified::Refused(why)) => Err(failed(why)),
+        Err(Uncertified::Refused(why)) => Err(Failure::new(Exit::Failed, format!("{}: {why}", input.display()))),
     }
 }

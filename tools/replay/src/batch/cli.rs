@@ -67,7 +67,7 @@ pub struct Cli {
     #[arg(long)]
     pub overwrite: bool,
     /// Write what the robot may do: every command at 1500 Hz after whole-body control and the safety gate, from its start to
-    /// its end at rest. A motion of at most ten minutes.
+    /// its end at rest.
     #[arg(long, alias = "safe", conflicts_with_all = ["rate", "method", "refine_steps", "weights"])]
     pub certified: bool,
     /// Settings of --certified.

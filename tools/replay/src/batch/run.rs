@@ -50,8 +50,8 @@ struct Job {
     bytes: u64,
 }
 
-/// Rows of a trajectory: time, s, and joints, rad or m.
-pub(super) type Rows = Vec<(f64, [f64; JOINTS_MAX])>;
+/// Row of a trajectory: time, s, and joints, rad or m.
+pub(super) type Row = (f64, [f64; JOINTS_MAX]);
 
 pub(super) struct Shared<'a> {
     pub(super) cli: &'a Cli,
@@ -218,11 +218,11 @@ fn make(shared: &Shared<'_>, job: &Job) -> Result<Outcome, Failure> {
     let motion = motion::load_with(&job.input, &cli.load).map_err(|error| poses::error::failure(&error))?;
     let interrupted = || shared.shutdown.requested();
     let count = if cli.certified {
-        let Some(rows) = certified::commands(shared, &job.input, &motion, interrupted)? else {
+        let Some((count, rows)) = certified::commands(shared, &job.input, &job.output, &motion, interrupted)? else {
             return Ok(Outcome::Interrupted);
         };
         let rate_hz = f64::from(messages::TICK_HZ as u32);
-        written(shared, job, rate_hz, rows.len(), rows.into_iter().map(Ok))?
+        written(shared, job, rate_hz, count, rows)?
     } else {
         let trajectory = Retargeted::new(shared.postures, &motion, cli.calibration, cli.rate);
         written(shared, job, trajectory.rate_hz(), trajectory.rows(), trajectory)?
@@ -243,7 +243,7 @@ fn written(
     job: &Job,
     rate_hz: f64,
     count: usize,
-    rows: impl Iterator<Item = Result<(f64, [f64; JOINTS_MAX]), (usize, &'static str)>>,
+    rows: impl Iterator<Item = Result<Row, (usize, &'static str)>>,
 ) -> Result<Option<(Writer, u64)>, Failure> {
     let file = job.input.display();
     if count > ROWS_MAX {
