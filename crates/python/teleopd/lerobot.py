@@ -7,6 +7,7 @@ A frame has the first message of each kind in its period, or the newest before i
 - `observation.state`: measured positions, rad or m
 - `action`: commanded positions, which are certified
 - `target`: what the person asked for
+- `policy`: what a policy asked for, zeros before it did
 - `person`: positions of SMPL-22, x y z of each joint, m, zeros where nobody was seen
 - `mode`: a number of `teleopd.MODES`
 - `source`: number of the person who was seen, the command's time in the recording, us since its first message, and who led: the sum of 1 (a
@@ -77,6 +78,13 @@ def _periods(time_ns: NDArray[np.uint64], fps: int) -> NDArray[np.int64]:
     return numbers
 
 
+def _newest(values: NDArray[Any], at: NDArray[np.int64]) -> NDArray[Any]:
+    """Rows by their number, zeros for a negative one: before the first message."""
+    rows = np.zeros((len(at), *values.shape[1:]), values.dtype)
+    rows[at >= 0] = values[at[at >= 0]]
+    return rows
+
+
 def _frames(recording: Recording, fps: int) -> list[dict[str, NDArray[Any]]]:
     """The episodes of a recording that was read at `fps`: columns by name."""
     messages = recording.messages
@@ -85,8 +93,10 @@ def _frames(recording: Recording, fps: int) -> list[dict[str, NDArray[Any]]]:
         raise ValueError(f"has no {' and no '.join(lacking)}; record a session in which the robot is led")
     # A policy leads without a person, who may come later.
     none = {"time_ns": np.zeros(0, np.uint64), "positions": np.zeros((0, 22, 3)), "operator_id": np.zeros(0, np.uint64)}
-    messages = {"skeletons": none, **messages}
-    periods = {kind: _periods(messages[kind]["time_ns"], fps) for kind in ("states", "commands", "targets", "skeletons")}
+    joints = messages["commands"]["positions"].shape[1]
+    messages = {"skeletons": none, "policy_targets": {**none, "positions": np.zeros((0, joints))}, **messages}
+    kinds = ("states", "commands", "targets", "skeletons", "policy_targets")
+    periods = {kind: _periods(messages[kind]["time_ns"], fps) for kind in kinds}
     # The first period is cut short.
     first, last = max(periods[kind][0] for kind in ("states", "commands", "targets")) + 1, min(periods[kind][-1] for kind in ("states", "commands"))
     grid = np.arange(first, last + 1)
@@ -109,17 +119,15 @@ def _frames(recording: Recording, fps: int) -> list[dict[str, NDArray[Any]]]:
             at = {kind: indices[start:stop] for kind, indices in newest.items()}
             command_us = (messages["commands"]["time_ns"][at["commands"]].astype(np.int64) - origin_ns) // 1000
             led_by = messages["commands"]["sources"][at["commands"]].astype(np.int64)
-            seen = at["skeletons"] >= 0
-            person, operator = np.zeros((stop - start, 66), np.float32), np.zeros(stop - start, np.int64)
-            person[seen] = messages["skeletons"]["positions"][at["skeletons"][seen]].reshape(-1, 66)
-            operator[seen] = messages["skeletons"]["operator_id"][at["skeletons"][seen]]
+            operator = _newest(messages["skeletons"]["operator_id"], at["skeletons"])
             episodes.append({
                 "observation.state": messages["states"]["measured_positions"][at["states"]].astype(np.float32),
                 "action": messages["commands"]["positions"][at["commands"]].astype(np.float32),
                 "target": messages["targets"]["positions"][at["targets"]].astype(np.float32),
-                "person": person,
+                "policy": _newest(messages["policy_targets"]["positions"], at["policy_targets"]).astype(np.float32),
+                "person": _newest(messages["skeletons"]["positions"], at["skeletons"]).reshape(stop - start, -1).astype(np.float32),
                 "mode": messages["commands"]["modes"][at["commands"]].astype(np.int64),
-                "source": np.stack([operator, command_us, led_by], axis=1),
+                "source": np.stack([operator.astype(np.int64), command_us, led_by], axis=1),
                 "timestamp": (np.arange(stop - start) / fps).astype(np.float32),
                 "frame_index": np.arange(stop - start),
             })
@@ -138,7 +146,7 @@ def _features(robot: Robot) -> dict[str, dict[str, Any]]:
     person = [f"{joint}.{axis}" for joint in PERSON for axis in "xyz"]
     one = {"shape": [1], "names": None}
     return {
-        "observation.state": joints, "action": joints, "target": joints,
+        "observation.state": joints, "action": joints, "target": joints, "policy": joints,
         "person": {"dtype": "float32", "shape": [66], "names": person},
         "mode": {"dtype": "int64", **one},
         "source": {"dtype": "int64", "shape": [3], "names": ["operator_id", "recording_time_us", "led_by"]},

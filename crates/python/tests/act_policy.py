@@ -148,6 +148,8 @@ assert len(again) == exported.frames and exported.frames > 0.5 * LEAD_S * FPS
 by_policy = np.array([int(again[i]["source"][2]) for i in range(len(again))]) == 12
 action = np.stack([again[i]["action"].numpy() for i in range(len(again))])[by_policy][:, arms]
 shown = np.stack([item["action"][0].numpy() for item in items])[:, arms]
+wished = np.stack([again[i]["policy"].numpy() for i in range(len(again))])[by_policy][:, arms]
+assert np.degrees(np.median(np.abs(wished - action).max(1))) < 10.0, "the recording has not what the policy asked for"
 nearest = np.array([np.abs(shown - row).max(1).min() for row in action])
 moved = np.ptp(action, axis=0).max()
 print(f"{exported.frames} frames again, {by_policy.sum()} led by the policy; it moved a joint by {np.degrees(moved):.0f} degrees, and stayed within "
