@@ -10,6 +10,9 @@ use std::io::{BufReader, BufWriter, Read, Seek, Write};
 use std::path::Path;
 use world::Uncertified;
 
+/// A row read again, or its number and what failed.
+type ReadAgain = Result<Row, (usize, &'static str)>;
+
 /// Returns the commands of a motion and their number, from the robot's start until it is at rest again. `None` if
 /// `interrupted` returned true. Those of an hour take 780 MB, so they stand in a file without a name beside `output`.
 ///
@@ -21,7 +24,7 @@ pub(super) fn commands(
     output: &Path,
     motion: &Motion,
     interrupted: impl Fn() -> bool,
-) -> Result<Option<(usize, impl Iterator<Item = Result<Row, (usize, &'static str)>>)>, Failure> {
+) -> Result<Option<(usize, impl Iterator<Item = ReadAgain>)>, Failure> {
     let Some(loaded) = &shared.loaded else { return Ok(None) };
     let place = output.with_extension("rows.part");
     if let Some(folder) = place.parent() {
