@@ -153,9 +153,9 @@ pub(crate) fn stature_m(frame: &RigFrame) -> f64 {
 /// Returns the axis that points up, its name, and a warning if it is a guess.
 ///
 /// The hierarchy's rest pose tells it, if a person stands in it. Some exporters turn the root against it by a quarter, always. So
-/// if the first frame's pelvis is turned onto another axis, that axis counts. It does not if the person begins upside down, if the
-/// legs still stand along the rest pose's axis, or if the person lies over its floor or stands along it more often. Without such a
-/// rest pose the first second tells it, and then the whole clip.
+/// if the first frame's pelvis is turned onto another axis, that axis counts. It does not if the person begins upside down, or if
+/// the legs still stand along the rest pose's axis. Nor does it if the person lies over its floor, or stands along it more often.
+/// Without such a rest pose the first second tells it, and then the whole clip.
 fn guess_up(
     rest: Option<&RigFrame>,
     frames: &[RigFrame],
