@@ -284,8 +284,15 @@ fn broken_input_is_reported_and_other_files_are_converted() {
     std::fs::write(input.join("a.npz"), "no archive").expect("written");
     std::fs::write(input.join("Mean.npy"), "x").expect("written");
     std::fs::write(input.join("notes.txt"), "x").expect("written");
+    let mut array = Vec::new();
+    motion::npy::write_npy_header(&mut array, "<f4", &[60, 22, 3]).expect("a header");
+    let positions = builtin().frames[..60].iter().flat_map(|frame| frame.positions).flatten().collect::<Vec<f32>>();
+    array.extend(positions.into_iter().flat_map(f32::to_le_bytes));
+    std::fs::write(input.join("no_rate.npy"), array).expect("written");
     let summary = go(&input, &out, &["--recursive"]);
-    assert_eq!((summary.made, summary.no_motion.len()), (2, 1));
+    assert_eq!((summary.made, summary.no_motion.len()), (3, 1));
+    let doubts = |(path, text): &(PathBuf, String)| path.ends_with("no_rate.npy") && text.contains("20 Hz");
+    assert!(summary.warned.iter().any(doubts), "{:?}", summary.warned);
     let texts: Vec<String> = summary.failed.iter().map(|(_, failure)| failure.text.clone()).collect();
     assert_eq!(texts.len(), 2, "{texts:?}");
     assert!(texts[0].contains("a.npz") && texts[0].contains("already that of"), "{texts:?}");
@@ -299,7 +306,7 @@ fn broken_input_is_reported_and_other_files_are_converted() {
     let output = binary(&["--recursive"]);
     let text = String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout);
     assert_eq!(output.status.code(), Some(1), "{text}");
-    assert!(text.contains("broken.bvh") && text.contains("2 were finished") && text.contains("Mean.npy"), "{text}");
+    assert!(text.contains("broken.bvh") && text.contains("3 were finished") && text.contains("Mean.npy"), "{text}");
     std::fs::remove_file(input.join("broken.bvh")).expect("removed");
     std::fs::remove_file(input.join("a.npz")).expect("removed");
     assert_eq!(binary(&["--recursive"]).status.code(), Some(0));

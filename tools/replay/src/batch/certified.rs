@@ -1,7 +1,7 @@
 //! Plays a motion through all stages in virtual time, and keeps every command.
 
 use super::failed;
-use super::run::{Row, Shared};
+use super::run::{RowResult, Shared};
 use messages::{JOINTS_MAX, TICK_HZ};
 use motion::Motion;
 use rt::{Exit, Failure};
@@ -9,9 +9,6 @@ use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek, Write};
 use std::path::Path;
 use world::Uncertified;
-
-/// A row read again, or its number and what failed.
-type ReadAgain = Result<Row, (usize, &'static str)>;
 
 /// Returns the commands of a motion and their number, from the robot's start until it is at rest again. `None` if
 /// `interrupted` returned true. Those of an hour take 780 MB, so they stand in a file without a name beside `output`.
@@ -24,7 +21,7 @@ pub(super) fn commands(
     output: &Path,
     motion: &Motion,
     interrupted: impl Fn() -> bool,
-) -> Result<Option<(usize, impl Iterator<Item = ReadAgain>)>, Failure> {
+) -> Result<Option<(usize, impl Iterator<Item = RowResult>)>, Failure> {
     let Some(loaded) = &shared.loaded else { return Ok(None) };
     let place = output.with_extension("rows.part");
     if let Some(folder) = place.parent() {

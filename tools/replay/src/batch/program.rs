@@ -34,7 +34,7 @@ pub fn execute(cli: &Cli) -> ExitCode {
 }
 
 fn report(cli: &Cli, summary: &Summary, seconds: f64) {
-    let Summary { made, postures, finished, failed, no_motion, interrupted } = summary;
+    let Summary { made, postures, finished, failed, no_motion, warned, interrupted } = summary;
     rt::out!(
         "{made} files made with {postures} postures of both arms in {seconds:.1} s ({:.0} a second), {finished} were finished, {} \
          failed",
@@ -46,6 +46,9 @@ fn report(cli: &Cli, summary: &Summary, seconds: f64) {
     }
     for (path, reason) in no_motion {
         rt::out!("left out {}: {reason}", path.display());
+    }
+    for (path, warning) in warned {
+        rt::out!("{}: {warning}", path.display());
     }
     for (path, failure) in failed {
         // Most failures name their file.

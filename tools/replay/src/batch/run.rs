@@ -22,10 +22,9 @@ const ROWS_PER_CHECK: usize = 512;
 /// Largest number of rows of a file: ten hours at 1500 Hz.
 const ROWS_MAX: usize = 54_000_000;
 
-#[derive(Clone, Copy)]
 enum Outcome {
-    /// Made, with this number of postures of both arms.
-    Made(u64),
+    /// Made, with this number of postures of both arms, and the reader's warnings.
+    Made(u64, Vec<String>),
     Finished,
     Interrupted,
 }
@@ -39,6 +38,8 @@ pub struct Summary {
     pub failed: Vec<(PathBuf, Failure)>,
     /// Files of a readable extension without motion, and the reasons.
     pub no_motion: Vec<(PathBuf, &'static str)>,
+    /// What readers doubt in the files made now, sorted by path.
+    pub warned: Vec<(PathBuf, String)>,
     /// True if Ctrl-C ended it. The next run makes the unfinished files.
     pub interrupted: bool,
 }
@@ -52,6 +53,8 @@ struct Job {
 
 /// Row of a trajectory: time, s, and joints, rad or m.
 pub(super) type Row = (f64, [f64; JOINTS_MAX]);
+/// A row, or the number of its frame and what failed.
+pub(super) type RowResult = Result<Row, (usize, &'static str)>;
 
 pub(super) struct Shared<'a> {
     pub(super) cli: &'a Cli,
@@ -93,9 +96,10 @@ pub fn run(cli: &Cli, shutdown: &Shutdown, progress: &ProgressBar) -> Result<Sum
     });
     for (job, outcome) in jobs.into_iter().zip(outcomes) {
         match outcome {
-            Ok(Outcome::Made(postures)) => {
+            Ok(Outcome::Made(postures, warnings)) => {
                 summary.made += 1;
                 summary.postures += postures;
+                summary.warned.extend(warnings.into_iter().map(|warning| (job.input.clone(), warning)));
             }
             Ok(Outcome::Finished) => summary.finished += 1,
             Ok(Outcome::Interrupted) => summary.interrupted = true,
@@ -103,6 +107,7 @@ pub fn run(cli: &Cli, shutdown: &Shutdown, progress: &ProgressBar) -> Result<Sum
         }
     }
     summary.failed.sort_by(|a, b| a.0.cmp(&b.0));
+    summary.warned.sort();
     Ok(summary)
 }
 
@@ -234,7 +239,9 @@ fn make(shared: &Shared<'_>, job: &Job) -> Result<Outcome, Failure> {
     // file.
     shared.manifest.add(&Entry { output, input_sha256, options_sha256, output_sha256, postures })?;
     writer.move_in_place()?;
-    Ok(Outcome::Made(postures))
+    let mut warnings = motion.guesses.warnings;
+    warnings.extend(motion.guesses.lost.map(|why| format!("is damaged or truncated: {why}; the rest was written")));
+    Ok(Outcome::Made(postures, warnings))
 }
 
 /// Writes the rows beside their place, and returns the writer and their number. `None` after Ctrl-C.
@@ -243,7 +250,7 @@ fn written(
     job: &Job,
     rate_hz: f64,
     count: usize,
-    rows: impl Iterator<Item = Result<Row, (usize, &'static str)>>,
+    rows: impl Iterator<Item = RowResult>,
 ) -> Result<Option<(Writer, u64)>, Failure> {
     let file = job.input.display();
     if count > ROWS_MAX {
