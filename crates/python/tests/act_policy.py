@@ -24,7 +24,7 @@ import teleopd
 from teleopd import client, lerobot
 
 folder, replay = Path(sys.argv[1]), Path(sys.argv[2])
-train_s = float(sys.argv[3]) if len(sys.argv) > 3 else 600.0
+train_s = float(sys.argv[3]) if len(sys.argv) > 3 else 120.0
 FPS, ROWS, DEMONSTRATIONS, LEAD_S = 30, 30, 20, 30.0
 #: Rows between two chunks, and rows over which a chunk takes over from the one before.
 EVERY, BLENDED = 5, 8

@@ -88,7 +88,7 @@ fn lerobot_reloads_the_dataset() {
     run_beside_replay("lerobot_files.py", &["lerobot[dataset]==0.6.1"], &["--reload"]);
 }
 
-/// LeRobot's own programs, with a person, and leading the robot. ACT learns for ten minutes.
+/// LeRobot's own programs, with a person, and leading the robot. ACT learns for two minutes of one core.
 #[test]
 #[ignore = "installs lerobot"]
 fn programs_of_lerobot_and_its_act_lead_the_robot() {
