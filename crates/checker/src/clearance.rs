@@ -1,34 +1,19 @@
 //! Clearance of the checked pairs, with distance formulas of its own.
 
+use nalgebra::Vector3;
 use plant::Apart;
-use robot::{Frames, Model, Solid};
+use robot::{Capsule, Frames, Model, Solid};
 
-type Point = [f64; 3];
+type Segment = [Vector3<f64>; 2];
 
 /// The collision model as this crate keeps it.
 #[derive(Clone, Debug)]
 pub(crate) struct Body {
     capsules: Vec<Capsule>,
     pairs: Vec<Pair>,
-    obstacles: Vec<Obstacle>,
+    obstacles: Vec<Solid>,
     /// Clearance that every pair must keep, m.
     pub(crate) d_min_m: f64,
-}
-
-#[derive(Clone, Debug)]
-struct Capsule {
-    body: usize,
-    ends: [Point; 2],
-    radius_m: f64,
-}
-
-/// An obstacle around the robot, in the base frame.
-#[derive(Clone, Debug)]
-enum Obstacle {
-    /// Solid where normal . x <= offset.
-    Plane { normal: Point, offset_m: f64 },
-    /// Solid within half a length of the centre along each of its axes.
-    Box { center: Point, axes: [Point; 3], half_m: Point },
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -42,25 +27,21 @@ struct Pair {
 #[derive(Clone, Debug)]
 pub(crate) struct Workspace {
     frames: Frames,
-    axes: Vec<[Point; 2]>,
-    before: Vec<[Point; 2]>,
+    axes: Vec<Segment>,
+    before: Vec<Segment>,
     apart: Apart,
 }
 
 impl Body {
     pub(crate) fn new(model: &Model) -> Self {
-        let capsules = model.capsules.iter().map(|capsule| {
-            let ends = [&capsule.a, &capsule.b].map(|p| [p[0], p[1], p[2]]);
-            Capsule { body: capsule.body, ends, radius_m: capsule.radius_m }
-        });
         let radii = |a: usize, b: usize| model.capsules[a].radius_m + model.capsules[b].radius_m;
         let pairs = model.pairs.iter().map(|pair| Pair { a: pair.a, b: pair.b, radii_m: radii(pair.a, pair.b) });
-        let obstacles = model.obstacles.iter().map(|obstacle| Obstacle::new(&obstacle.solid)).collect();
-        Self { capsules: capsules.collect(), pairs: pairs.collect(), obstacles, d_min_m: model.d_min_m }
+        let obstacles = model.obstacles.iter().map(|obstacle| obstacle.solid).collect();
+        Self { capsules: model.capsules.clone(), pairs: pairs.collect(), obstacles, d_min_m: model.d_min_m }
     }
 
     pub(crate) fn workspace(&self) -> Workspace {
-        let axes = vec![[[0.0; 3]; 2]; self.capsules.len()];
+        let axes = vec![[Vector3::zeros(); 2]; self.capsules.len()];
         let apart = Apart::new(axes.len(), self.pairs.len());
         Workspace { frames: Frames::default(), before: axes.clone(), axes, apart }
     }
@@ -78,15 +59,10 @@ impl Body {
         model.forward(q, frames);
         std::mem::swap(axes, before);
         for (axis, capsule) in axes.iter_mut().zip(&self.capsules) {
-            let pose = &frames.base_from_body[capsule.body];
-            for (out, p) in axis.iter_mut().zip(&capsule.ends) {
-                *out = std::array::from_fn(|row| {
-                    pose.r[(row, 0)] * p[0] + pose.r[(row, 1)] * p[1] + pose.r[(row, 2)] * p[2] + pose.t[row]
-                });
-            }
+            *axis = capsule.ends(frames);
         }
         let moves = before.iter().zip(axes.iter());
-        apart.look(moves.map(|(from, to)| [0, 1].map(|end| squared(minus(to[end], from[end])))));
+        apart.look(moves.map(|(from, to)| [0, 1].map(|end| (to[end] - from[end]).norm_squared())));
         let mut least = (f64::INFINITY, 0);
         if let Some(pair) = self.pairs.get(apart.nearest) {
             let clearance = distance(&axes[pair.a], &axes[pair.b]) - pair.radii_m;
@@ -107,7 +83,7 @@ impl Body {
         apart.nearest = least.1;
         for (i, (axis, capsule)) in axes.iter().zip(&self.capsules).enumerate().filter(|(_, (_, c))| c.body != 0) {
             for (k, obstacle) in self.obstacles.iter().enumerate() {
-                let clearance = obstacle.distance(axis) - capsule.radius_m;
+                let clearance = from_solid(axis, obstacle) - capsule.radius_m;
                 if clearance < least.0 {
                     least = (clearance, self.pairs.len() + i * self.obstacles.len() + k);
                 }
@@ -117,29 +93,11 @@ impl Body {
     }
 }
 
-impl Obstacle {
-    fn new(solid: &Solid) -> Self {
-        match solid {
-            Solid::HalfSpace { normal, offset_m } => {
-                Self::Plane { normal: [normal[0], normal[1], normal[2]], offset_m: *offset_m }
-            }
-            Solid::Box { center, r, half_m } => Self::Box {
-                center: [center[0], center[1], center[2]],
-                axes: std::array::from_fn(|i| [r[(0, i)], r[(1, i)], r[(2, i)]]),
-                half_m: [half_m[0], half_m[1], half_m[2]],
-            },
-        }
-    }
-
-    /// Returns the distance of a segment: 0 where it touches a box, negative below a plane.
-    fn distance(&self, segment: &[Point; 2]) -> f64 {
-        match self {
-            Self::Plane { normal, offset_m } => dot(*normal, segment[0]).min(dot(*normal, segment[1])) - offset_m,
-            Self::Box { center, axes, half_m } => {
-                let local = segment.map(|p| axes.map(|axis| dot(axis, minus(p, *center))));
-                from_box(&local, half_m)
-            }
-        }
+/// Returns the distance of a segment from an obstacle: 0 where it touches a box, negative below a plane.
+fn from_solid(segment: &Segment, solid: &Solid) -> f64 {
+    match solid {
+        Solid::HalfSpace { normal, offset_m } => normal.dot(&segment[0]).min(normal.dot(&segment[1])) - offset_m,
+        Solid::Box { center, r, half_m } => from_box(&segment.map(|p| r.tr_mul(&(p - center))), half_m),
     }
 }
 
@@ -149,15 +107,15 @@ impl Obstacle {
 /// squared distance is a quadratic in the place s on the segment: the sum of (x_i -+ half_i)^2 over the coordinates
 /// outside. Its minimum is known. The true minimum is at one of these minima, at an end, or at a place where a
 /// coordinate enters or leaves its range. The function takes the distance at all of these places and returns the least.
-fn from_box(segment: &[Point; 2], half: &Point) -> f64 {
-    let (a, d) = (segment[0], minus(segment[1], segment[0]));
+fn from_box(segment: &Segment, half: &Vector3<f64>) -> f64 {
+    let (a, d) = (segment[0], segment[1] - segment[0]);
     let squared_at = |s: f64| {
         let s = if s > 0.0 { s.min(1.0) } else { 0.0 };
-        squared(std::array::from_fn(|i| ((a[i] + s * d[i]).abs() - half[i]).max(0.0)))
+        Vector3::from_fn(|i, _| ((a[i] + s * d[i]).abs() - half[i]).max(0.0)).norm_squared()
     };
     let mut least = squared_at(0.0).min(squared_at(1.0));
     for way in 1..27 {
-        let sides: Point = std::array::from_fn(|i| [0.0, -1.0, 1.0][way / [1, 3, 9][i] % 3]);
+        let sides = [1, 3, 9].map(|power| [0.0, -1.0, 1.0][way / power % 3]);
         let (mut falls, mut curves) = (0.0, 0.0);
         for i in (0..3).filter(|&i| sides[i] != 0.0) {
             falls += d[i] * (sides[i] * half[i] - a[i]);
@@ -174,40 +132,27 @@ fn from_box(segment: &[Point; 2], half: &Point) -> f64 {
 /// Returns the distance of two segments. Either an end of one is nearest, or both nearest points lie inside, and
 /// then the vector between them is perpendicular to both. The least of the five candidates is the distance,
 /// parallel segments included.
-fn distance(a: &[Point; 2], b: &[Point; 2]) -> f64 {
-    let mut least = from_point(a[0], b).min(from_point(a[1], b)).min(from_point(b[0], a)).min(from_point(b[1], a));
-    let (u, w, r) = (minus(a[1], a[0]), minus(b[1], b[0]), minus(a[0], b[0]));
-    let (uu, uw, ww, ur, wr) = (dot(u, u), dot(u, w), dot(w, w), dot(u, r), dot(w, r));
+fn distance(a: &Segment, b: &Segment) -> f64 {
+    let mut least = from_point(&a[0], b).min(from_point(&a[1], b)).min(from_point(&b[0], a)).min(from_point(&b[1], a));
+    let (u, w, r) = (a[1] - a[0], b[1] - b[0], a[0] - b[0]);
+    let (uu, uw, ww, ur, wr) = (u.dot(&u), u.dot(&w), w.dot(&w), u.dot(&r), w.dot(&r));
     let denominator = uu * ww - uw * uw;
     if denominator > 0.0 {
         let s = (uw * wr - ww * ur) / denominator;
         let t = (uu * wr - uw * ur) / denominator;
         if (0.0..=1.0).contains(&s) && (0.0..=1.0).contains(&t) {
-            let between: Point = std::array::from_fn(|i| r[i] + s * u[i] - t * w[i]);
-            least = least.min(squared(between));
+            least = least.min((r + u * s - w * t).norm_squared());
         }
     }
     least.sqrt()
 }
 
 /// Returns the squared distance of a point from a segment.
-fn from_point(p: Point, segment: &[Point; 2]) -> f64 {
-    let (d, r) = (minus(segment[1], segment[0]), minus(p, segment[0]));
-    let dd = squared(d);
-    let t = if dd > 0.0 { (dot(d, r) / dd).clamp(0.0, 1.0) } else { 0.0 };
-    squared(std::array::from_fn(|i| r[i] - t * d[i]))
-}
-
-fn minus(a: Point, b: Point) -> Point {
-    std::array::from_fn(|i| a[i] - b[i])
-}
-
-fn dot(a: Point, b: Point) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn squared(a: Point) -> f64 {
-    dot(a, a)
+fn from_point(p: &Vector3<f64>, segment: &Segment) -> f64 {
+    let (d, r) = (segment[1] - segment[0], p - segment[0]);
+    let dd = d.norm_squared();
+    let t = if dd > 0.0 { (d.dot(&r) / dd).clamp(0.0, 1.0) } else { 0.0 };
+    (r - d * t).norm_squared()
 }
 
 #[cfg(test)]
@@ -218,7 +163,7 @@ mod tests {
     #[test]
     fn distances_from_solids_match_robot_model() {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(6);
-        let mut point = |size: f64| -> Point { std::array::from_fn(|_| rng.random_range(-size..=size)) };
+        let mut point = |size: f64| -> [f64; 3] { std::array::from_fn(|_| rng.random_range(-size..=size)) };
         let mut touching = 0;
         for n in 0..100_000 {
             let half_m = point(0.5).map(|x| x.abs() + 1e-3);
@@ -233,7 +178,7 @@ mod tests {
             }
             let (center, turn) = (point(0.5), point(3.0));
             let pose = robot::Pose::from_xyz_rpy(center, if n % 3 == 0 { [0.0; 3] } else { turn });
-            let place = |p: Point| pose.transform_point(&p.into());
+            let place = |p: [f64; 3]| pose.transform_point(&p.into());
             let (from, to) = (place(a), place(std::array::from_fn(|i| a[i] + d[i])));
             let z = pose.r.column(2).into_owned();
             let solids = [
@@ -241,7 +186,7 @@ mod tests {
                 Solid::HalfSpace { normal: z, offset_m: 0.3 * center[0] },
             ];
             for solid in solids {
-                let own = Obstacle::new(&solid).distance(&[from.into(), to.into()]);
+                let own = from_solid(&[from, to], &solid);
                 let other = solid.segment_distance(&from, &to);
                 assert!((own - other).abs() < 1e-9, "{n}: {own} {other} {from} {to} {solid:?}");
                 touching += usize::from(own == 0.0);
@@ -259,6 +204,7 @@ mod tests {
         let point = [[0.25, 0.0, 0.7]; 2];
         for (other, expected) in [(crossing_above, 0.3), (parallel, 0.2), (beyond_the_end, 5.0), (point, 0.7), (x, 0.0)]
         {
+            let [x, other] = [x, other].map(|segment| segment.map(Vector3::from));
             assert!((distance(&x, &other) - expected).abs() < 1e-12, "{other:?}: {}", distance(&x, &other));
             assert!((distance(&other, &x) - expected).abs() < 1e-12);
         }
