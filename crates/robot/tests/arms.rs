@@ -1,6 +1,6 @@
 //! Arms of four to eight joints: what a draft takes for upper arm, forearm and hand, and how the model turns them.
 
-use crate::support::{edit, with_capsule};
+use crate::support::{assert_words, drafted, edit, with_capsule};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -102,10 +102,7 @@ fn urdf(name: &str, rows: &[Row]) -> String {
 }
 
 fn model(name: &str, rows: &[Row]) -> Model {
-    let urdf = urdf(name, rows);
-    let draft = draft("r.urdf", &urdf).unwrap_or_else(|error| panic!("{name}: {error}"));
-    assert_eq!(draft.refusals, [""; 0], "{name}");
-    with_capsule(&draft.toml, &urdf).unwrap_or_else(|error| panic!("{name}: {error}"))
+    drafted(&urdf(name, rows))
 }
 
 #[test]
@@ -177,10 +174,7 @@ fn arms_that_no_limb_needs_are_refused_with_bound_and_place() {
     let (_, _, rows) = arms().remove(1);
     let text = urdf("crane", &rows);
     let draft = draft("r.urdf", &text).expect("a draft").toml;
-    let refused = |toml: &str, words: &[&str]| {
-        let error = with_capsule(toml, &text).map(|_| ()).unwrap_err().to_string();
-        words.iter().for_each(|word| assert!(error.contains(word), "{word} is missing in: {error}"));
-    };
+    let refused = |toml: &str, words: &[&str]| assert_words(with_capsule(toml, &text), words);
     let short = edit(&draft, "[arms.right]", "\n    \"right_5\",", "");
     refused(&short, &["arms.left.joints and arms.right.joints", "6 and 5 joints", "must be 4 to 8"]);
     let late = edit(&draft, "[arms.left]", "upper = \"left_1\"", "upper = \"left_3\"");

@@ -1,20 +1,13 @@
 //! Tests the draft of a robot file from a URDF alone.
 
-use crate::support::with_capsule;
-use robot::{Model, draft};
+use crate::support::drafted;
+use robot::draft;
 
 const TIAGO: &str = include_str!("../../../config/robots/tiago_dual.urdf");
 const G1: &str = include_str!("../../../config/robots/unitree_g1.urdf");
 const OPENARM: &str = include_str!("../../../config/robots/openarm_v10.urdf");
 const FR3: &str = include_str!("../../../config/robots/franka_fr3_duo.urdf");
 const RBY1: &str = include_str!("../../../config/robots/rby1a.urdf");
-
-/// Reads a draft, with one capsule in place of the fitted ones.
-fn model(urdf: &str) -> Model {
-    let draft = draft("r.urdf", urdf).unwrap_or_else(|error| panic!("{error}"));
-    assert_eq!(draft.refusals, [""; 0]);
-    with_capsule(&draft.toml, urdf).unwrap_or_else(|error| panic!("{error}\n{}", draft.toml))
-}
 
 #[test]
 fn drafts_of_five_robots_load_with_their_arms_and_signs() {
@@ -26,7 +19,7 @@ fn drafts_of_five_robots_load_with_their_arms_and_signs() {
         (RBY1, 22, 8, "left_arm_0", [1.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0]),
     ];
     for (urdf, count, body_count, first, signs) in rows {
-        let model = model(urdf);
+        let model = drafted(urdf);
         assert_eq!(
             (model.count, model.body_count, Vec::from_iter(model.arms[1].joint_signs())),
             (count, body_count, signs.to_vec()),
@@ -35,7 +28,7 @@ fn drafts_of_five_robots_load_with_their_arms_and_signs() {
         );
         assert_eq!(model.joint_names[model.arms[0].range().start], first);
     }
-    assert_eq!((model(TIAGO).lift, model(G1).lift), (Some(0), None));
+    assert_eq!((drafted(TIAGO).lift, drafted(G1).lift), (Some(0), None));
 }
 
 /// In the T-pose the axes of upper arm and forearm point to the side, and the elbow's bends the arm to the front. At
@@ -43,7 +36,7 @@ fn drafts_of_five_robots_load_with_their_arms_and_signs() {
 #[test]
 fn drafted_t_pose_is_straight_and_home_has_hands_in_front() {
     for urdf in [TIAGO, G1, OPENARM, FR3, RBY1] {
-        let model = model(urdf);
+        let model = drafted(urdf);
         for (side, arm) in [1.0, -1.0].into_iter().zip(&model.arms) {
             let [upper, elbow, fore] = [2, 3, 4].map(|i| arm.axes[i]);
             assert!(upper.y.abs() > 1.0 - 1e-6 && fore.y.abs() > 1.0 - 1e-6, "{}: {upper} {fore}", model.name);

@@ -1,14 +1,8 @@
 //! Tests what a draft guesses of robots that are built otherwise, and what it refuses.
 
-use crate::support::{HERON, edit, with_capsule};
+use crate::support::{HERON, drafted, edit, with_capsule};
 use robot::{Model, draft};
 use std::f64::consts::FRAC_PI_2;
-
-fn model(urdf: &str) -> Model {
-    let draft = draft("r.urdf", urdf).unwrap_or_else(|error| panic!("{error}"));
-    assert_eq!(draft.refusals, [""; 0]);
-    with_capsule(&draft.toml, urdf).unwrap_or_else(|error| panic!("{error}"))
-}
 
 fn first_joints(model: &Model) -> [&str; 2] {
     model.arms.map(|arm| arm.range().start).map(|joint| model.joint_names[joint].as_str())
@@ -27,7 +21,7 @@ fn sides_are_where_the_hands_can_be_and_not_where_the_arms_begin() {
     };
     let urdf = middle(HERON, "port", "0.17", "0.09", "0.3");
     let urdf = middle(&urdf, "starboard", "-0.17", "-0.09", "-0.3");
-    assert_eq!(first_joints(&model(&urdf)), ["port_a", "starboard_a"]);
+    assert_eq!(first_joints(&drafted(&urdf)), ["port_a", "starboard_a"]);
 }
 
 #[test]
@@ -42,7 +36,7 @@ fn chest_that_is_turned_gets_a_frame_of_its_own() {
     ] {
         urdf = edit(&urdf, joint, from, to);
     }
-    let (turned, plain) = (model(&urdf), model(&named()));
+    let (turned, plain) = (drafted(&urdf), drafted(&named()));
     assert_eq!(first_joints(&turned), ["left_a", "right_a"]);
     for side in [0, 1] {
         assert_eq!(turned.arms[side].reference, plain.arms[side].reference);
@@ -61,7 +55,7 @@ fn chest_that_is_turned_gets_a_frame_of_its_own() {
 #[test]
 fn elbow_that_bends_both_ways_bends_as_the_arm_hangs() {
     let both = |text: &str, joint| edit(text, joint, "lower=\"-2.4\" upper=\"0.05\"", "lower=\"-2.3\" upper=\"2.3\"");
-    let model = model(&both(&both(HERON, "port_d\""), "starboard_d\""));
+    let model = drafted(&both(&both(HERON, "port_d\""), "starboard_d\""));
     assert_eq!(model.arms[0].reference, [0.0, FRAC_PI_2, 0.0, 0.0, 0.0]);
     assert_eq!(model.arms[1].reference, [0.0, -FRAC_PI_2, 0.0, 0.0, 0.0]);
     let home = model.arms.map(|arm| Vec::from_iter(arm.range().map(|joint| model.home[joint])));
@@ -82,7 +76,7 @@ fn t_pose_is_inside_the_ranges_and_mirrored() {
         );
         edit(&text, &format!("{side}_a\""), "lower=\"-3.0\" upper=\"1.5\"", "lower=\"-4.2\" upper=\"1.0\"")
     };
-    let model = model(&raised(&raised(HERON, "port", "0.17"), "starboard", "-0.17"));
+    let model = drafted(&raised(&raised(HERON, "port", "0.17"), "starboard", "-0.17"));
     for arm in &model.arms {
         for i in 0..5 {
             let inside = arm.q_min[i] - 0.02 <= arm.reference[i] && arm.reference[i] <= arm.q_max[i] + 0.02;
@@ -108,7 +102,7 @@ fn with_collar(text: &str, side: &str, y: &str) -> String {
 #[test]
 fn joint_before_the_seven_of_an_arm_is_held() {
     let urdf = with_collar(&with_collar(HERON, "port", "0.17"), "starboard", "-0.17");
-    let model = model(&urdf);
+    let model = drafted(&urdf);
     assert_eq!(first_joints(&model), ["port_a", "starboard_a"]);
     let draft = draft("r.urdf", &urdf).unwrap();
     assert!(draft.decisions.iter().any(|note| note.contains("port_shrug") && note.contains("held")));
@@ -142,7 +136,7 @@ fn joint_of_a_gripper_is_no_joint_of_an_arm() {
         assert_eq!((model.arms[0].range().len(), model.arms[0].slots[6]), (6, None));
     }
     let wrist = HERON.replace("_g\"", "_gripper_yaw\"");
-    assert_eq!(model(&wrist).joint_names.last().map(String::as_str), Some("starboard_gripper_yaw"));
+    assert_eq!(drafted(&wrist).joint_names.last().map(String::as_str), Some("starboard_gripper_yaw"));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! The record of a fit: a start believes a robot file only as it was proved.
 
-use crate::support::{TOML, URDF, load, shipped};
+use crate::support::{TOML, URDF, load, remove_capsules, shipped, with_proved_clear};
 
 fn edited(toml: &str, urdf: &str) -> String {
     load(toml, urdf).unwrap().check_fit().expect_err("edited after the fit").to_string()
@@ -13,14 +13,10 @@ fn changed(change: impl Fn(&mut toml::Table)) -> String {
     table.to_string()
 }
 
-fn capsules(table: &mut toml::Table) -> &mut Vec<toml::Value> {
-    table["collision"]["capsules"].as_array_mut().unwrap()
-}
-
 #[test]
 fn thinner_capsules_are_refused_with_file_key_and_command() {
     let thin = changed(|table| {
-        for capsule in capsules(table) {
+        for capsule in table["collision"]["capsules"].as_array_mut().unwrap() {
             let radius_m = capsule["radius_m"].as_float().unwrap();
             capsule.as_table_mut().unwrap()["radius_m"] = (0.3 * radius_m).into();
         }
@@ -36,27 +32,13 @@ fn thinner_capsules_are_refused_with_file_key_and_command() {
 #[test]
 fn hand_without_its_capsules_is_refused() {
     let gone = |capsule: &toml::Value| capsule["name"].as_str().unwrap().starts_with("hand_left");
-    let handless = changed(|table| {
-        capsules(table).retain(|capsule| !gone(capsule));
-        let tables = table["collision"]["allowed"].as_table_mut().unwrap();
-        for (_, pairs) in tables {
-            let pairs = pairs.as_table_mut().unwrap();
-            pairs.retain(|first, _| !first.starts_with("hand_left"));
-            for (_, others) in pairs {
-                others.as_array_mut().unwrap().retain(|second| !second.as_str().unwrap().starts_with("hand_left"));
-            }
-        }
-    });
+    let handless = changed(|table| remove_capsules(table, gone));
     assert!(edited(&handless, URDF).contains("collision.capsules"));
 }
 
 #[test]
 fn pair_left_out_since_the_fit_is_refused() {
-    let more = changed(|table| {
-        let clear = table["collision"]["allowed"]["proved_clear"].as_table_mut().unwrap();
-        let others = clear.entry("hand_left_0").or_insert_with(|| toml::Value::Array(Vec::new()));
-        others.as_array_mut().unwrap().push("hand_right_0".into());
-    });
+    let more = with_proved_clear(TOML, "hand_left_0", "hand_right_0");
     assert!(edited(&more, URDF).contains("tiago_dual.toml: collision.allowed"));
 }
 
@@ -95,19 +77,7 @@ fn file_without_record_is_hand_made_and_loads_with_a_doubt() {
 #[test]
 fn moving_link_without_capsule_is_a_doubt() {
     let gone = |capsule: &toml::Value| capsule["link"].as_str().unwrap() == "arm_left_5_link";
-    let bare = changed(|table| {
-        let names: Vec<String> =
-            capsules(table).iter().filter(|c| gone(c)).map(|c| c["name"].as_str().unwrap().to_owned()).collect();
-        assert!(!names.is_empty());
-        capsules(table).retain(|capsule| !gone(capsule));
-        for (_, pairs) in table["collision"]["allowed"].as_table_mut().unwrap() {
-            let pairs = pairs.as_table_mut().unwrap();
-            pairs.retain(|first, _| !names.iter().any(|name| first == name));
-            for (_, others) in pairs {
-                others.as_array_mut().unwrap().retain(|second| !names.iter().any(|name| second.as_str() == Some(name)));
-            }
-        }
-    });
+    let bare = changed(|table| remove_capsules(table, gone));
     let doubts = load(&bare, URDF).unwrap().doubts().join("\n");
     assert!(doubts.contains("no capsule moves with arm_left_5_link"), "{doubts}");
 }

@@ -1,5 +1,6 @@
 //! Tests the shipped robots other than TIAGo++.
 
+use crate::support::with_proved_clear;
 use robot::{AllowedReason, CAPSULES_MAX, Frames, Model};
 
 struct Robot {
@@ -141,11 +142,8 @@ fn no_pair_called_clear_meets() {
 #[test]
 fn pair_that_meets_in_rare_postures_is_refused_as_clear() {
     let robot = ROBOTS.iter().find(|robot| robot.name == "rby1a").unwrap();
-    let mut table: toml::Table = robot.toml.parse().unwrap();
-    let clear = table["collision"]["allowed"]["proved_clear"].as_table_mut().unwrap();
-    let others = clear.entry("link_torso_2").or_insert_with(|| toml::Value::Array(Vec::new()));
-    others.as_array_mut().unwrap().push("link_right_arm_4".into());
-    let model = Model::from_text(robot.name, &table.to_string(), robot.name, robot.urdf).unwrap();
+    let toml = with_proved_clear(robot.toml, "link_torso_2", "link_right_arm_4");
+    let model = Model::from_text(robot.name, &toml, robot.name, robot.urdf).unwrap();
     let error = model.check_proved_clear(500).unwrap_err().to_string();
     assert!(error.contains("link_torso_2") && error.contains("link_right_arm_4"), "{error}");
 }

@@ -1,14 +1,11 @@
 //! Tests what of a URDF is read, what is passed over, and where an error is.
 
-use crate::support::{HERON, edit};
+use crate::support::{HERON, assert_words, edit};
 use robot::{draft, read_urdf};
 use urdf_rs::Geometry;
 
 fn refused(urdf: &str, words: &[&str]) {
-    let error = draft("r.urdf", urdf).map(|_| ()).expect_err(&format!("must be refused for {words:?}")).to_string();
-    for word in words {
-        assert!(error.contains(word), "`{word}` is missing in: {error}");
-    }
+    assert_words(draft("r.urdf", urdf), words);
 }
 
 fn line(urdf: &str, of: &str) -> String {

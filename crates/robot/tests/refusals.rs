@@ -1,13 +1,10 @@
 //! Tests that every defect of a URDF or a robot file is refused, and that the error names file, key, value
 //! and bound.
 
-use crate::support::{TOML, URDF, edit, load};
+use crate::support::{TOML, URDF, assert_words, edit, load, remove_capsules, with_proved_clear};
 
 fn refused(toml: &str, urdf: &str, words: &[&str]) {
-    let error = load(toml, urdf).map(|_| ()).expect_err(&format!("must be refused for {words:?}")).to_string();
-    for word in words {
-        assert!(error.contains(word), "`{word}` is missing in: {error}");
-    }
+    assert_words(load(toml, urdf), words);
 }
 
 const LEFT_1: &str = "<joint name=\"arm_left_1_joint\"";
@@ -281,32 +278,11 @@ fn torso_frame_that_looks_backwards_is_refused() {
 #[test]
 fn arm_that_no_checked_pair_guards_is_refused() {
     let mut table: toml::Table = TOML.parse().unwrap();
-    let collision = table["collision"].as_table_mut().unwrap();
-    let of_arm = |one: &toml::Value| one["link"].as_str().unwrap().starts_with("arm_right_");
-    let mut gone = Vec::new();
-    collision["capsules"].as_array_mut().unwrap().retain(|one| {
-        gone.extend(of_arm(one).then(|| one["name"].clone()));
-        !of_arm(one)
-    });
-    for (_, pairs) in collision["allowed"].as_table_mut().unwrap() {
-        let pairs = pairs.as_table_mut().unwrap();
-        pairs.retain(|first, _| !gone.iter().any(|name| name.as_str() == Some(first)));
-        for (_, others) in pairs {
-            others.as_array_mut().unwrap().retain(|second| !gone.contains(second));
-        }
-    }
+    remove_capsules(&mut table, |one| one["link"].as_str().unwrap().starts_with("arm_right_"));
     load(TOML, URDF).unwrap().check_guarded().expect("the shipped robot");
     let error = load(&table.to_string(), URDF).unwrap().check_guarded().unwrap_err().to_string();
     assert!(error.contains("tiago_dual.toml: checked pairs of capsules on the right upper arm = 0"), "{error}");
     assert!(error.contains("right forearm = 0") && error.contains("arm_right_5_link. If the URDF has none"), "{error}");
-}
-
-fn with_proved_clear(first: &str, second: &str) -> String {
-    let mut table: toml::Table = TOML.parse().unwrap();
-    let clear = table["collision"]["allowed"]["proved_clear"].as_table_mut().unwrap();
-    let others = clear.entry(first).or_insert_with(|| toml::Value::Array(Vec::new()));
-    others.as_array_mut().unwrap().push(second.into());
-    table.to_string()
 }
 
 #[test]
@@ -317,7 +293,7 @@ fn pair_that_meets_is_refused_as_proved_clear() {
     let (mut found, mut of_arms) = (0, 0);
     for [a, b] in model.pairs.iter().map(names).filter(|[a, b]| a.contains("left") && b.contains("right")) {
         of_arms += 1;
-        if let Err(error) = load(&with_proved_clear(&a, &b), URDF).unwrap().check_proved_clear(500) {
+        if let Err(error) = load(&with_proved_clear(TOML, &a, &b), URDF).unwrap().check_proved_clear(500) {
             let error = error.to_string();
             assert!(error.contains("tiago_dual.toml: collision.allowed.proved_clear") && error.contains(&a), "{error}");
             assert!(error.contains("collision fit"), "{error}");

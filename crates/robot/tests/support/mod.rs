@@ -35,6 +35,47 @@ pub fn edit(text: &str, after: &str, old: &str, new: &str) -> String {
     format!("{}{new}{}", &text[..at], &text[at + old.len()..])
 }
 
+/// Checks that an error has all of these words.
+pub fn assert_words<T>(result: Result<T, RobotError>, words: &[&str]) {
+    let error = result.map(|_| ()).expect_err(&format!("must be refused for {words:?}")).to_string();
+    for word in words {
+        assert!(error.contains(word), "`{word}` is missing in: {error}");
+    }
+}
+
+/// Removes capsules of a robot file, and the pairs that name them.
+pub fn remove_capsules(table: &mut toml::Table, gone: impl Fn(&toml::Value) -> bool) {
+    let collision = table["collision"].as_table_mut().unwrap();
+    let capsules = collision["capsules"].as_array_mut().unwrap();
+    let names: Vec<String> =
+        capsules.iter().filter(|one| gone(one)).map(|one| one["name"].as_str().unwrap().to_owned()).collect();
+    assert!(!names.is_empty());
+    capsules.retain(|capsule| !gone(capsule));
+    for (_, pairs) in collision["allowed"].as_table_mut().unwrap() {
+        let pairs = pairs.as_table_mut().unwrap();
+        pairs.retain(|first, _| !names.iter().any(|name| name == first));
+        for (_, others) in pairs {
+            others.as_array_mut().unwrap().retain(|second| !names.iter().any(|name| second.as_str() == Some(name)));
+        }
+    }
+}
+
+/// The text of a robot file that calls one more pair of capsules clear.
+pub fn with_proved_clear(toml: &str, first: &str, second: &str) -> String {
+    let mut table: toml::Table = toml.parse().unwrap();
+    let clear = table["collision"]["allowed"]["proved_clear"].as_table_mut().unwrap();
+    let others = clear.entry(first).or_insert_with(|| toml::Value::Array(Vec::new()));
+    others.as_array_mut().unwrap().push(second.into());
+    table.to_string()
+}
+
+/// Creates a model from the draft of a URDF, which nothing refuses, with one capsule in place of the fitted ones.
+pub fn drafted(urdf: &str) -> Model {
+    let draft = robot::draft("r.urdf", urdf).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(draft.refusals, [""; 0]);
+    with_capsule(&draft.toml, urdf).unwrap_or_else(|error| panic!("{error}\n{}", draft.toml))
+}
+
 /// Creates a model from a draft, with one capsule in place of the fitted ones.
 pub fn with_capsule(toml: &str, urdf: &str) -> Result<Model, RobotError> {
     let base = toml.lines().find_map(|line| line.strip_prefix("base_link = ")).unwrap();
