@@ -93,7 +93,7 @@ pub struct Bounds {
 }
 
 /// A state: positions and velocities, rad and rad/s.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// Positions.
     pub q: ArmVector,
@@ -153,7 +153,7 @@ pub struct Problem {
 }
 
 /// Working memory of the sweep.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Sweep {
     /// Accelerations of each interval, rad/s^2.
     pub input: [ArmVector; NODES],
@@ -165,39 +165,13 @@ pub struct Sweep {
 }
 
 /// Quadratic model of the cost after a node.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Value {
     q: ArmVector,
     v: ArmVector,
     qq: Block,
     qv: Block,
     vv: Block,
-}
-
-impl Value {
-    fn zero() -> Self {
-        Self {
-            q: ArmVector::zeros(),
-            v: ArmVector::zeros(),
-            qq: Block::zeros(),
-            qv: Block::zeros(),
-            vv: Block::zeros(),
-        }
-    }
-}
-
-impl Default for Sweep {
-    fn default() -> Self {
-        let nothing = State { q: ArmVector::zeros(), v: ArmVector::zeros() };
-        Self {
-            input: [ArmVector::zeros(); NODES],
-            nodes: [nothing; NODES],
-            open: [ArmVector::zeros(); NODES],
-            feedback: [[Block::zeros(); 2]; NODES],
-            value: Value::zero(),
-            cost: 0.0,
-        }
-    }
 }
 
 impl Sweep {
@@ -211,7 +185,7 @@ impl Sweep {
             self.nodes[i] = state;
             self.cost += cost(arm, weights, problem, i, &state, &self.input[i]);
         }
-        self.value = Value::zero();
+        self.value = Value::default();
     }
 
     /// Cost of `input`, after `begin` or `finish`.

@@ -153,11 +153,10 @@ pub struct State {
 impl State {
     /// Creates a state at rest. Allocates its working memory, once.
     pub fn new() -> Self {
-        let nothing = solver::State { q: ArmVector::zeros(), v: ArmVector::zeros() };
         let unbounded = ArmVector::repeat(1.0);
         let bounds = Bounds { q_min: -unbounded, q_max: unbounded, v_max: unbounded, a_max: unbounded };
         let problem = Problem {
-            start: nothing,
+            start: solver::State::default(),
             interval_s: [0.02; NODES],
             person: [Limbs::identity(); NODES],
             weight: [1.0; NODES],
