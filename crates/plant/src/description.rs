@@ -63,7 +63,7 @@ pub struct Joint {
 }
 
 /// Mass, centre and inertia of one body, in the body's frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Inertia {
     /// Mass, kg.
     pub mass_kg: f64,
@@ -117,11 +117,6 @@ pub struct Body {
 }
 
 impl Inertia {
-    /// Returns the inertia of no mass.
-    pub fn zero() -> Self {
-        Self { mass_kg: 0.0, moment: Vector3::zeros(), about_origin: Matrix3::zeros() }
-    }
-
     /// Returns the inertia of a mass at a place, with its own inertia about that place.
     fn at(mass_kg: f64, place: Vector3<f64>, own: Matrix3<f64>) -> Self {
         // Parallel axes: I_o = I_c + m (c.c 1 - c c^T).
@@ -161,7 +156,7 @@ impl Body {
         }
         let mut body = Self {
             joints,
-            inertias: [Inertia::zero(); JOINTS_MAX + 1],
+            inertias: [Inertia::default(); JOINTS_MAX + 1],
             capsules: Vec::new(),
             pairs: Vec::new(),
             d_min_m: file.d_min_m(toml_name)?,

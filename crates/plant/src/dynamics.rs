@@ -69,7 +69,7 @@ impl Dynamics {
             }
         });
         // The base stands still, so its inertia stays zero.
-        let mut inertia = [Inertia::zero(); JOINTS_MAX + 1];
+        let mut inertia = [Inertia::default(); JOINTS_MAX + 1];
         for ((out, own), pose) in inertia.iter_mut().zip(&self.inertia).zip(&frames.base_from_body).skip(1) {
             let (t, moment) = (pose.t, pose.r * own.moment);
             let cross = t * moment.transpose();

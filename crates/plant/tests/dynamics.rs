@@ -90,7 +90,7 @@ fn prescribed_acceleration_acts_like_its_torque() {
     }
 }
 
-/// A unit acceleration adds a column of the mass matrix to the torques.
+/// What a unit acceleration adds to the torques is a column of the mass matrix.
 #[test]
 fn mass_matrix_is_symmetric_and_matches_torques() {
     let body = body(HANDS);
@@ -106,7 +106,8 @@ fn mass_matrix_is_symmetric_and_matches_torques() {
             let moved = dynamics.torques(&posture, &v, &std::array::from_fn(|j| f64::from(u8::from(j == k))));
             for j in 0..JOINTS {
                 assert_eq!(matrix[j][k], row[j]);
-                assert!((moved[j] - bias[j] - row[j]).abs() < 1e-10, "{j} {k}: {} {}", moved[j] - bias[j], row[j]);
+                let added = moved[j] - bias[j];
+                assert!((added - row[j]).abs() < 1e-10, "{j} {k}: {added} {}", row[j]);
             }
         }
     }
