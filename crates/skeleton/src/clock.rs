@@ -17,7 +17,7 @@ const OFFSET_MAX_NS: i64 = 86_400_000_000;
 
 /// Correction of the client's stamps. It stays zero for a client of the same clock: only a frame from the future
 /// or one that is nearly too old changes it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ClientClock {
     offset_ns: i64,
     /// Amount by which the offset may still move, ns.
@@ -26,11 +26,6 @@ pub(crate) struct ClientClock {
 }
 
 impl ClientClock {
-    /// Creates a clock without offset.
-    pub(crate) const fn new() -> Self {
-        Self { offset_ns: 0, credit_ns: 0, seen: Stamp::NONE }
-    }
-
     /// Returns the frame's origin on our clock, or the reason for which a frame that arrived at `now` is not
     /// current. Over any time the offset moves by at most [`DRIFT_MAX_PPM`] of it. So a step of the client's clock
     /// and a recording are still refused.
@@ -44,7 +39,7 @@ impl ClientClock {
         if ahead || age_ns > age_max.saturating_add(drift_max) {
             // It was no drift, or it is over: a stamp that fits our clock needs no offset.
             if self.offset_ns != 0 && (0..=age_max).contains(&late_ns) {
-                *self = Self { seen: now, ..Self::new() };
+                *self = Self { seen: now, ..Self::default() };
                 return Ok(origin);
             }
             return Err(if ahead { DropReason::Future } else { DropReason::Old });
@@ -81,7 +76,7 @@ mod tests {
     /// A day of 60 Hz at this drift, frames late by 5 to 25 ms. Returns the number of refused frames and the worst
     /// error of an origin, ns.
     fn day(drift_ppm: i64) -> (u64, u64) {
-        let (config, mut clock) = (Config::default(), ClientClock::new());
+        let (config, mut clock) = (Config::default(), ClientClock::default());
         let (mut refused, mut worst) = (0, 0);
         for i in 0..DAY_S * 60 {
             let true_ns = i * 1_000_000_000 / 60;
@@ -110,7 +105,7 @@ mod tests {
     fn f029_frames_after_clock_step_are_dropped() {
         let config = Config::default();
         for (step_ns, reason) in [(3_600_000_000_000_i64, DropReason::Future), (-3_600_000_000_000, DropReason::Old)] {
-            let mut clock = ClientClock::new();
+            let mut clock = ClientClock::default();
             let mut at = |s: u64, step_ns: i64| {
                 let now = Stamp(2 * 3_600_000_000_000 + s * 1_000_000_000);
                 clock.place(&config, now, Stamp(now.0.saturating_add_signed(step_ns)))
@@ -144,7 +139,7 @@ mod tests {
 
     #[test]
     fn f029_clock_offset_returns_to_zero_when_queue_empties() {
-        let (config, mut clock) = (Config::default(), ClientClock::new());
+        let (config, mut clock) = (Config::default(), ClientClock::default());
         let frame = |clock: &mut ClientClock, i: u64, late_ns: u64| {
             let now = Stamp(START_NS + i * 10_000_000);
             clock.place(&config, now, Stamp(now.0 - late_ns)).map(|origin| now.since(origin))

@@ -33,7 +33,7 @@ pub struct Output {
 const PERSON_MIX: u32 = 0x9E37_79B1;
 
 /// Decides whether the person of this frame is the one of the frames before.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Trust {
     /// Number of times that the person may have changed.
     persons: u32,
@@ -74,7 +74,7 @@ impl Trust {
 }
 
 /// State for one client.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct State {
     session: Option<Session>,
     /// The newest accepted origin of any session. If the session changes and changes back, old frames stay old.
@@ -85,24 +85,10 @@ pub struct State {
     accepted: u64,
 }
 
-impl Default for State {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl State {
     /// Creates the state before the first frame.
-    pub const fn new() -> Self {
-        let clock = ClientClock::new();
-        let trust = Trust {
-            persons: 0,
-            change: PersonChange::FirstOfIngest,
-            named: false,
-            accepted: Stamp::NONE,
-            contradicted: false,
-        };
-        Self { session: None, newest: Stamp::NONE, clock, trust, dropped: [0; DROP_REASONS], accepted: 0 }
+    pub fn new() -> Self {
+        Self::default()
     }
 
     /// Number of frames dropped so far for this reason. An accepted frame counts once for each arm that was not used.
@@ -171,7 +157,7 @@ fn look(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Res
     check_envelope(raw)?;
     let State { session, newest, clock, trust, dropped, .. } = state;
     let known = session.is_some_and(|session| session.nonce == raw.session_nonce);
-    let mut placed = if known { *clock } else { ClientClock::new() };
+    let mut placed = if known { *clock } else { ClientClock::default() };
     let origin = placed.place(config, now, raw.header.origin)?;
     *clock = placed;
     let first = session.is_none();
