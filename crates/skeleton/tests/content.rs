@@ -1,22 +1,20 @@
 //! Contents of a frame: numbers that are not finite, impossible bodies, sides, units and axes.
 
-use crate::person::{feed, person, raw, read, running, standing, store};
-use messages::{RawSkeleton, SMPL_JOINTS, Skeleton, calibration_flag, skeleton_flag};
+use crate::person::{feed, person, raw, read, running, seen, standing, store, t_pose_hinges};
+use messages::{RawSkeleton, SMPL_JOINTS, Skeleton, skeleton_flag};
 use proptest::prelude::*;
-use skeleton::{Config, DropReason, Input, State, tick};
+use skeleton::{Config, DropReason, State};
 
 /// Returns the person of a frame, if it was accepted with both arms.
 fn accepted(state: &mut State, raw: &RawSkeleton) -> Option<Skeleton> {
     let now = raw.header.origin.plus_ns(1_000_000);
-    let person = tick(&Config::default(), state, now, Input { raw, stored: None }).skeleton;
-    person.filter(|person| person.flags & skeleton_flag::ALL == skeleton_flag::ALL)
+    seen(state, now, raw).filter(|person| person.flags & skeleton_flag::ALL == skeleton_flag::ALL)
 }
 
 /// Frame `i` at 60 Hz of the moving person, with hinges, so that rotations are used.
 fn frame(i: u64) -> RawSkeleton {
     let mut frame = raw(&standing(i as f64 / 60.0), i);
-    frame.calibration.hinge = [[0.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]];
-    frame.calibration.flags = calibration_flag::ALL;
+    frame.calibration = t_pose_hinges();
     frame
 }
 

@@ -1,18 +1,10 @@
 //! Limb frames and hinges compared with arms of known angles.
 
-use crate::person::{Body, arm, mirror, person, read, store};
+use crate::person::{Body, arm, mirror, person, read, store, t_pose_hinges};
 use messages::{HingeCalibration, LIMBS, Layout, calibration_flag, skeleton_flag};
 use nalgebra::{UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use skeleton::{Calibrator, Hold, LimbFrames, limbs_from_positions_rotations, torso_rotation};
-
-/// Hinges for rotations that are identity in the T-pose.
-fn t_pose_hinges() -> HingeCalibration {
-    let mut hinges = HingeCalibration::ZERO;
-    hinges.hinge = [[0.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]];
-    hinges.flags = calibration_flag::ALL;
-    hinges
-}
 
 fn limbs(body: &Body, calibration: &HingeCalibration) -> LimbFrames {
     limbs_from_positions_rotations(&body.0, Some(&body.1), calibration, u32::MAX, &mut Hold::default())

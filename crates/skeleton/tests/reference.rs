@@ -1,7 +1,6 @@
 //! Choice of the hinges. No change between them makes a limb jump.
 
-use crate::person::{Body, about, arm, mirror, person, raw, read, store};
-
+use crate::person::{Body, about, arm, mirror, person, raw, read, seen, store};
 use messages::{
     CalibrationSource, HingeCalibration, LIMBS, Layout, Limb, RawSkeleton, Skeleton, Smpl, calibration_flag,
     skeleton_flag,
@@ -152,8 +151,7 @@ fn stored_calibration_applies_from_first_frame_to_its_person() {
     // Another session counts as another person until a new decision.
     let mut other = raw(&elsewhere(&moving(101)), 1);
     other.session_nonce = 8;
-    let out = tick(&Config::default(), &mut state, other.header.origin, Input { raw: &other, stored: None });
-    assert!(out.skeleton.is_none() && state.calibration() == CalibrationSource::None);
+    assert!(seen(&mut state, other.header.origin, &other).is_none() && state.calibration() == CalibrationSource::None);
 }
 
 #[test]

@@ -1,18 +1,16 @@
 //! Every reason to drop a frame.
 
-use crate::person::{feed, person, raw, running, standing};
-use messages::{RawSkeleton, Stamp, calibration_flag, raw_flag, skeleton_flag};
+use crate::person::{feed, person, raw, running, seen, standing, t_pose_hinges};
+use messages::{RawSkeleton, Stamp, raw_flag, skeleton_flag};
 use skeleton::{Config, DropReason, Input, State, tick};
 
 #[test]
 fn valid_frame_is_accepted_and_keeps_its_header() {
     let mut state = State::new();
     let mut frame = raw(&standing(0.0), 0);
-    frame.calibration.hinge = [[0.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]];
-    frame.calibration.flags = calibration_flag::ALL;
+    frame.calibration = t_pose_hinges();
     let now = Stamp(1_005_000_000);
-    let skeleton =
-        tick(&Config::default(), &mut state, now, Input { raw: &frame, stored: None }).skeleton.expect("accepted");
+    let skeleton = seen(&mut state, now, &frame).expect("accepted");
     assert_eq!(skeleton.flags, skeleton_flag::ALL | skeleton_flag::CALIBRATED);
     assert_eq!((skeleton.header.origin, skeleton.received), (frame.header.origin, now));
     assert_eq!((skeleton.session_nonce, skeleton.operator_id), (7, 1));
@@ -129,10 +127,7 @@ fn quickly_raised_hand_is_accepted_at_every_rate() {
 #[test]
 fn f007_jumping_arm_is_not_used_and_other_arm_is() {
     let mut state = running(20);
-    let known = |frame: &RawSkeleton, state: &mut State| {
-        let now = frame.header.origin;
-        tick(&Config::default(), state, now, Input { raw: frame, stored: None }).skeleton.expect("a person")
-    };
+    let known = |frame: &RawSkeleton, state: &mut State| seen(state, frame.header.origin, frame).expect("a person");
     let operator = known(&raw(&standing(20.0 / 60.0), 20), &mut state).operator_id;
     for i in 21..40 {
         let mut frame = raw(&standing(i as f64 / 60.0), i);
@@ -200,9 +195,7 @@ fn f011_f015_unseen_arm_with_nan_is_flagged_invalid() {
     frame.confidence[20] = 0.1;
     frame.positions[20] = [f32::NAN; 3];
     frame.rotations[20] = [f32::NAN; 4];
-    let now = frame.header.origin;
-    let out =
-        tick(&Config::default(), &mut state, now, Input { raw: &frame, stored: None }).skeleton.expect("accepted");
+    let out = seen(&mut state, frame.header.origin, &frame).expect("accepted");
     assert_eq!(out.flags & skeleton_flag::ALL, skeleton_flag::ALL & !skeleton_flag::LIMB[1]);
     assert!(out.positions.iter().flatten().all(|c| c.is_finite()));
 }

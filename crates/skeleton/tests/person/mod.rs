@@ -1,6 +1,9 @@
 //! A standing person of 1.75 m with two arms of given limb rotations, for tests.
 
-use messages::{Header, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp, raw_flag};
+use messages::{
+    Header, HingeCalibration, Layout, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout, Stamp, calibration_flag,
+    raw_flag,
+};
 use nalgebra::{UnitQuaternion, Vector3};
 use skeleton::{Config, DropReason, Input, State, tick};
 
@@ -27,7 +30,6 @@ pub(crate) fn store(q: UnitQuaternion<f64>) -> [f32; 4] {
     [q.i as f32, q.j as f32, q.k as f32, q.w as f32]
 }
 
-#[allow(dead_code)]
 pub(crate) fn read(q: [f32; 4]) -> UnitQuaternion<f64> {
     let [x, y, z, w] = q.map(f64::from);
     UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z))
@@ -77,7 +79,6 @@ pub(crate) fn person(left: [f64; 5], right: [f64; 5]) -> Body {
 }
 
 /// Frame `i` of a client at 60 Hz.
-#[allow(dead_code)]
 pub(crate) fn raw(body: &Body, i: u64) -> RawSkeleton {
     let mut raw = RawSkeleton::ZERO;
     raw.header = Header { sequence: i + 1, origin: Stamp(1_000_000_000 + i * 16_666_667), ..Header::ZERO };
@@ -93,13 +94,24 @@ pub(crate) fn raw(body: &Body, i: u64) -> RawSkeleton {
 }
 
 /// A person whose arms move a little.
-#[allow(dead_code)]
 pub(crate) fn standing(t: f64) -> Body {
     person([0.3 * t.sin(), 0.9, 0.2, 0.6, 0.1 * t.cos()], [0.3 * t.cos(), 0.9, 0.2, 0.6, 0.1])
 }
 
+/// Hinges for rotations that are identity in the T-pose.
+pub(crate) fn t_pose_hinges() -> HingeCalibration {
+    let mut hinges = HingeCalibration::ZERO;
+    hinges.hinge = [[0.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]];
+    hinges.flags = calibration_flag::ALL;
+    hinges
+}
+
+/// Returns the person of a frame, if it is accepted.
+pub(crate) fn seen(state: &mut State, now: Stamp, raw: &RawSkeleton) -> Option<Skeleton> {
+    tick(&Config::default(), state, now, Input { raw, stored: None }).skeleton
+}
+
 /// Feeds a frame on arrival. Returns the reason if the frame was dropped or an arm in it was not used.
-#[allow(dead_code)]
 pub(crate) fn feed(state: &mut State, raw: &RawSkeleton) -> Option<DropReason> {
     let now = raw.header.origin.plus_ns(1_000_000);
     let before = DropReason::ALL.map(|reason| state.dropped(reason));
@@ -110,7 +122,6 @@ pub(crate) fn feed(state: &mut State, raw: &RawSkeleton) -> Option<DropReason> {
 }
 
 /// A state that has accepted `frames` frames of a moving person.
-#[allow(dead_code)]
 pub(crate) fn running(frames: u64) -> State {
     let mut state = State::new();
     for i in 0..frames {
