@@ -16,16 +16,10 @@ use robot::limbs::{left_rotation, rotation_from_xyzw, slerp};
 const BLEND_S: f64 = 1.0;
 
 /// A rotation with a weight that changes without a step.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Blend {
     turn: UnitQuaternion<f64>,
     weight: f64,
-}
-
-impl Default for Blend {
-    fn default() -> Self {
-        Self { turn: UnitQuaternion::identity(), weight: 0.0 }
-    }
 }
 
 impl Blend {

@@ -96,13 +96,18 @@ pub(crate) fn shown_s(now: Stamp, target: &JointTarget, i: usize) -> f64 {
     (now.0 - START_NS) as f64 * 1e-9 + ticks as f64 * TICK_S - DELAY_MS as f64 * 1e-3
 }
 
+/// Time at which the newest skeleton at `now` was received, s after the start.
+pub(crate) fn newest_s(skeletons: &[Skeleton], now: Stamp) -> f64 {
+    let newest = skeletons.iter().rev().find(|skeleton| skeleton.received <= now).expect("one");
+    (newest.received.0 - START_NS) as f64 * 1e-9
+}
+
 #[test]
 fn seen_nodes_match_slerp_between_skeletons() {
     let skeletons = source(swings, 3.0);
     let mut looked = 0;
     for (now, target) in &run(&config(DELAY_MS), &skeletons, 2.9)[1500..] {
-        let newest = skeletons.iter().rev().find(|skeleton| skeleton.received <= *now).expect("one");
-        let newest_s = (newest.received.0 - START_NS) as f64 * 1e-9;
+        let newest_s = newest_s(&skeletons, *now);
         // Nodes lie at whole multiples after the tick.
         let first = target.trajectory_first * TRAJECTORY_NODE_TICKS;
         assert!(first > target.k && first <= target.k + TRAJECTORY_NODE_TICKS, "{first} of tick {}", target.k);
@@ -138,8 +143,7 @@ fn seen_nodes_match_slerp_between_skeletons() {
 fn nodes_beyond_newest_skeleton_continue_with_fading_turn() {
     let skeletons = source(turns, 3.0);
     for (now, target) in &run(&config(DELAY_MS), &skeletons, 2.9)[1500..] {
-        let newest = skeletons.iter().rev().find(|skeleton| skeleton.received <= *now).expect("one");
-        let newest_s = (newest.received.0 - START_NS) as f64 * 1e-9;
+        let newest_s = newest_s(&skeletons, *now);
         for i in target.trajectory_measured as usize..TRAJECTORY_NODES {
             let ahead_s = shown_s(*now, target, i) - newest_s;
             // A turn that fades with 0.1 s goes as far as one at full speed for this time.

@@ -1,11 +1,13 @@
 //! Prediction beyond the newest skeleton, learnt from recorded motion: the shipped weights.
 
-use crate::limb_trajectory::{Person, apart, config, node, run, shown_s, skeleton, source_at, swings, turn};
-use crate::support::{START_NS, prediction, prediction_files};
+use crate::limb_trajectory::{
+    DELAY_MS, Person, apart, config, newest_s, node, run, shown_s, skeleton, source_at, swings, turn,
+};
+use crate::support::{prediction, prediction_files};
 
 use std::f64::consts::TAU;
 
-use messages::{JointTarget, Skeleton, Stamp, TRAJECTORY_NODES, skeleton_flag};
+use messages::{JointTarget, Skeleton, TRAJECTORY_NODES, skeleton_flag};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -13,8 +15,6 @@ use retarget::{
     AGES_S, Config, HORIZONS_S, History, Limbs, PREDICTION_INPUTS, PREDICTION_OUTPUTS, Prediction, limb_error_deg,
     turns_at,
 };
-
-const DELAY_MS: u64 = crate::limb_trajectory::DELAY_MS;
 
 fn learnt() -> Config {
     config(DELAY_MS).with_prediction(Some(prediction()))
@@ -29,12 +29,6 @@ fn walks(t_s: f64) -> [Limbs; 2] {
         let bend = 0.5 + 0.3 * (TAU * (0.9 * t_s + phase) - 0.4).sin();
         Limbs { upper, fore: turn(Vector3::y(), -bend) * upper }
     })
-}
-
-/// Time at which the newest skeleton at `now` was received, s after the start.
-fn newest_s(skeletons: &[Skeleton], now: Stamp) -> f64 {
-    let newest = skeletons.iter().rev().find(|skeleton| skeleton.received <= now).expect("one");
-    (newest.received.0 - START_NS) as f64 * 1e-9
 }
 
 /// Mean angle between the predicted nodes of these arms and the person's later motion, degrees, from 1 s on.
