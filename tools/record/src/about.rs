@@ -7,20 +7,14 @@ use std::path::Path;
 /// Size of the largest file that is attached, bytes. For larger ones only the hash is kept.
 const ATTACHED_BYTES_MAX: u64 = 1 << 20;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Origin {
-    /// The recorder read them from a running instance.
-    Live,
-    /// The stages ran in virtual time. The file has every message of every tick.
-    Offline,
-}
-
-impl Origin {
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Live => "live",
-            Self::Offline => "offline",
-        }
+messages::named! {
+    /// How a recording was made.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Origin {
+        /// The recorder read them from a running instance.
+        Live => "live",
+        /// The stages ran in virtual time. The file has every message of every tick.
+        Offline => "offline",
     }
 }
 

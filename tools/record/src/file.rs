@@ -58,7 +58,7 @@ impl<W: Write + Seek> Recording<W> {
             writer.attach(&attachment).map_err(RecordError::write)?;
         }
         let mut channels = Vec::new();
-        for (topic, _) in Topic::ALL {
+        for topic in Topic::ALL {
             let about = topic.described();
             let schema = writer.add_schema(&about.name, &about.schema_encoding, &about.schema);
             let schema = schema.map_err(RecordError::write)?;

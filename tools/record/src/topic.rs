@@ -3,38 +3,40 @@
 use messages::{JointCommand, JointTarget, Message, RobotState, Skeleton, Status};
 use serde_json::{Map, Value, json};
 
-/// A channel. The first seven hold messages bit for bit, and `replay` reads them back. The others are for viewers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[repr(usize)]
-pub enum Topic {
-    /// `Skeleton` as `ingest` passed it on.
-    Skeleton,
-    Target,
-    Command,
-    State,
-    /// `Status`, every byte.
-    StatusRaw,
-    /// `JointTarget` of a policy, while one holds its lease.
-    Policy,
-    /// Inputs of a control tick that are not messages. Only in offline recordings.
-    Inputs,
-    Status,
-    /// foxglove.JointStates: the robot's measurements.
-    Measured,
-    /// foxglove.JointStates: the targets.
-    Wanted,
-    /// foxglove.JointStates: the commands.
-    Commanded,
-    /// foxglove.JointStates: the targets of a policy.
-    PolicyWanted,
-    /// foxglove.FrameTransforms: every link of the robot.
-    Transforms,
-    /// foxglove.SceneUpdate: the person as lines.
-    Person,
-    /// foxglove.SceneUpdate: the robot's capsules.
-    Capsules,
-    /// foxglove.Log: events, one sentence each.
-    Log,
+messages::named! {
+    /// A channel. The first seven hold messages bit for bit, and `replay` reads them back. The others are for viewers.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+    #[repr(usize)]
+    pub enum Topic {
+        /// `Skeleton` as `ingest` passed it on.
+        Skeleton => "/teleop/skeleton",
+        Target => "/teleop/joint_target",
+        Command => "/teleop/joint_command",
+        State => "/teleop/robot_state",
+        /// `Status`, every byte.
+        StatusRaw => "/teleop/status_raw",
+        /// `JointTarget` of a policy, while one holds its lease.
+        Policy => "/teleop/policy_target",
+        /// Inputs of a control tick that are not messages. Only in offline recordings.
+        Inputs => "/teleop/inputs",
+        Status => "/teleop/status",
+        /// foxglove.JointStates: the robot's measurements.
+        Measured => "/joint_states/measured",
+        /// foxglove.JointStates: the targets.
+        Wanted => "/joint_states/target",
+        /// foxglove.JointStates: the commands.
+        Commanded => "/joint_states/command",
+        /// foxglove.JointStates: the targets of a policy.
+        PolicyWanted => "/joint_states/policy",
+        /// foxglove.FrameTransforms: every link of the robot.
+        Transforms => "/tf",
+        /// foxglove.SceneUpdate: the person as lines.
+        Person => "/scene/person",
+        /// foxglove.SceneUpdate: the robot's capsules.
+        Capsules => "/scene/robot",
+        /// foxglove.Log: events, one sentence each.
+        Log => "/log",
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -47,32 +49,8 @@ pub struct Described {
 }
 
 impl Topic {
-    /// Every channel and its name, in their order.
-    pub const ALL: [(Self, &'static str); 16] = [
-        (Self::Skeleton, "/teleop/skeleton"),
-        (Self::Target, "/teleop/joint_target"),
-        (Self::Command, "/teleop/joint_command"),
-        (Self::State, "/teleop/robot_state"),
-        (Self::StatusRaw, "/teleop/status_raw"),
-        (Self::Policy, "/teleop/policy_target"),
-        (Self::Inputs, "/teleop/inputs"),
-        (Self::Status, "/teleop/status"),
-        (Self::Measured, "/joint_states/measured"),
-        (Self::Wanted, "/joint_states/target"),
-        (Self::Commanded, "/joint_states/command"),
-        (Self::PolicyWanted, "/joint_states/policy"),
-        (Self::Transforms, "/tf"),
-        (Self::Person, "/scene/person"),
-        (Self::Capsules, "/scene/robot"),
-        (Self::Log, "/log"),
-    ];
-
-    pub const fn name(self) -> &'static str {
-        Self::ALL[self as usize].1
-    }
-
     pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|(_, known)| *known == name).map(|(topic, _)| topic)
+        Self::ALL.into_iter().find(|topic| topic.name() == name)
     }
 
     pub fn described(self) -> Described {

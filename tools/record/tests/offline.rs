@@ -230,7 +230,8 @@ fn recorded_values_equal_published_ones_and_times_increase() {
     assert_eq!(stats.channel_count as usize, Topic::ALL.len());
     assert_eq!(stats.message_count as usize, all.len());
     assert!(summary.attachment_indexes.iter().any(|file| file.name.ends_with(".urdf")));
-    for (topic, name) in Topic::ALL {
+    for topic in Topic::ALL {
+        let name = topic.name();
         let channel = summary.channels.values().find(|channel| channel.topic == name).expect("every topic");
         let schema = channel.schema.as_ref().expect("a schema");
         assert!(!schema.data.is_empty(), "{topic:?}");
