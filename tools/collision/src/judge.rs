@@ -24,28 +24,17 @@ const FRAGMENT_CELLS_MAX: usize = 20_000;
 /// The same for joints that move: their ranges are worth more time.
 const MOVING_CELLS_MAX: usize = 60_000;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum By {
-    Capsules,
-    Hulls,
-    Fragments,
-}
-
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Proof {
     /// They stay at least this far apart, m.
     pub at_least_m: f64,
-    pub by: By,
+    /// Whose distance was judged.
+    pub by: &'static str,
 }
 
 impl fmt::Display for Proof {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let what = match self.by {
-            By::Capsules => "capsules",
-            By::Hulls => "convex hulls",
-            By::Fragments => "surfaces",
-        };
-        write!(f, "at least {:.1} mm ({what})", self.at_least_m * 1e3)
+        write!(f, "at least {:.1} mm ({})", self.at_least_m * 1e3, self.by)
     }
 }
 
@@ -92,7 +81,7 @@ impl<'a> Judge<'a> {
         let a = self.on_body(first, &self.capsules[first].shape)?;
         let b = self.on_body(second, &self.capsules[second].shape)?;
         if let Verdict::Clear { at_least_m } = prove(self.model, &a, &b, self.plan.clear_mm * 1e-3) {
-            return Some(Proof { at_least_m, by: By::Capsules });
+            return Some(Proof { at_least_m, by: "capsules" });
         }
         if self.plan.is_close(&a.name, &b.name) || self.keep_posture(first, second) {
             return self.prove_close(first, second);
@@ -113,7 +102,7 @@ impl<'a> Judge<'a> {
             a.distance_m(&frames.base_from_body[body_a], b, &frames.base_from_body[body_b], bounds_m)
         };
         let at_least_m = self.prove_by(first, second, bound_m, CELLS_MAX, &distance)?;
-        Some(Proof { at_least_m, by: By::Hulls })
+        Some(Proof { at_least_m, by: "convex hulls" })
     }
 
     fn prove_fragments(&self, first: usize, second: usize, bound_m: f64) -> Option<Proof> {
@@ -121,7 +110,7 @@ impl<'a> Judge<'a> {
         let distance = |frames: &Frames, bounds_m| self.distance_m(first, second, frames, bounds_m).unwrap_or(0.0);
         let cells_max = if self.keep_posture(first, second) { FRAGMENT_CELLS_MAX } else { MOVING_CELLS_MAX };
         let at_least_m = self.prove_by(first, second, bound_m, cells_max, &distance)?;
-        Some(Proof { at_least_m, by: By::Fragments })
+        Some(Proof { at_least_m, by: "surfaces" })
     }
 
     /// Returns the bodies of a pair with at most this many deciding joints.

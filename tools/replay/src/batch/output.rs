@@ -11,22 +11,15 @@ use std::io::{BufWriter, ErrorKind, Seek, Write};
 use std::path::{Path, PathBuf};
 use zip::write::SimpleFileOptions;
 
-/// File formats.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub enum Format {
-    /// `time_s` and a column for each joint. The numbers read back to the same bits.
-    #[default]
-    Csv,
-    /// NumPy: `q` (N, joints) and `time_s` (N,) as f64, `joints` (names), `frame_rate_hz`.
-    Npz,
-}
-
-impl Format {
-    pub fn extension(self) -> &'static str {
-        match self {
-            Self::Csv => "csv",
-            Self::Npz => "npz",
-        }
+messages::named! {
+    /// File formats. Their names are the files' extensions.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+    pub enum Format {
+        /// `time_s` and a column for each joint. The numbers read back to the same bits.
+        #[default]
+        Csv => "csv",
+        /// NumPy: `q` (N, joints) and `time_s` (N,) as f64, `joints` (names), `frame_rate_hz`.
+        Npz => "npz",
     }
 }
 

@@ -144,7 +144,7 @@ fn plan(cli: &Cli, input: &Path, out: &Path, files: Vec<PathBuf>, summary: &mut 
     let mut taken: HashMap<PathBuf, PathBuf> = HashMap::new();
     let mut jobs = Vec::new();
     for file in files {
-        let relative = file.strip_prefix(input).unwrap_or(&file).with_extension(cli.format.extension());
+        let relative = file.strip_prefix(input).unwrap_or(&file).with_extension(cli.format.name());
         let output = out.join(&relative);
         if let Some(other) = taken.get(&output) {
             let (file_name, out, other) = (file.display(), output.display(), other.display());
