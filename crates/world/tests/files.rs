@@ -1,14 +1,11 @@
 //! Invalid settings: an unknown, missing or out-of-range key, read or taken by a stage.
 
-use config::{Loaded, Overrides, Settings, load};
-use std::path::{Path, PathBuf};
+use crate::support;
+use config::{Loaded, Settings};
 
-pub fn repository() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
-
+/// The shipped settings as a table.
 pub fn shipped() -> toml::Table {
-    std::fs::read_to_string(repository().join("config/teleop.toml")).expect("shipped").parse().expect("TOML")
+    std::fs::read_to_string(support::shipped("teleop.toml")).expect("shipped").parse().expect("TOML")
 }
 
 fn refusal(table: &toml::Table) -> String {
@@ -21,8 +18,7 @@ fn refusal(table: &toml::Table) -> String {
 
 /// Returns control's error for these settings.
 fn thresholds(settings: Settings) -> String {
-    let loaded = load(&repository().join("config/teleop.toml"), Overrides::default()).expect("shipped");
-    let loaded = Loaded { settings, ..loaded };
+    let loaded = Loaded { settings, ..support::loaded() };
     let driver = world::driver_config(&loaded, true).map(|_| ());
     let robot = world::robot_config(&loaded).map(|_| ());
     let retarget = world::retarget_config(&loaded).map(|_| ());

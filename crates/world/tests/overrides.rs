@@ -1,13 +1,14 @@
 //! Options of the command line that replace a setting: they are checked as if the file had the value.
 
-use crate::files::{repository, shipped};
+use crate::files::shipped;
+use crate::support;
 use config::{Interface, Overrides, Settings, read_settings};
 use std::path::Path;
 
 /// Reads these settings from a file beside the shipped robots. Errors name it FILE.
 fn read(table: &toml::Table, overrides: &Overrides) -> Result<Settings, String> {
     let folder = tempfile::tempdir().expect("a folder");
-    let robots = repository().join("config/robots").canonicalize().expect("the robots");
+    let robots = support::shipped("robots").canonicalize().expect("the robots");
     std::os::unix::fs::symlink(robots, folder.path().join("robots")).expect("linked");
     let file = folder.path().join("teleop.toml");
     std::fs::write(&file, toml::to_string(table).expect("TOML")).expect("written");
