@@ -1,124 +1,54 @@
 //! Reaction of an engaged robot to the clutch of its frames and to another person. Every stage runs in virtual time, from
 //! the client's frame to the executed motion. `simulate` has the faulty frames.
 
-use client::{PlayOptions, Player};
-use config::Overrides;
+use crate::support::scene::Scene;
 use messages::{Fault, Mode, PersonChange, RawSkeleton, Subject, TICK_HZ, Transition, raw_flag};
-use motion::CalibrationMode;
-use safety::engage::OperatorView;
-use std::path::Path;
 use std::sync::LazyLock;
-use world::{Links, Moment, Running, World, WorldConfig};
+use world::Moment;
 
-static CONFIG: LazyLock<WorldConfig> = LazyLock::new(|| {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
-    let loaded = config::load(&path, Overrides::default()).expect("the settings of the repository");
-    WorldConfig::new(&loaded).expect("a world")
+/// A scene that is engaged, two seconds into the motion.
+static ENGAGED: LazyLock<Scene> = LazyLock::new(|| {
+    let mut scene = Scene::new(6);
+    run(&mut scene, TICK_HZ, &mut |_| true);
+    scene.press_enable();
+    while scene.mode != Mode::Engaged {
+        scene.step();
+        assert!(scene.world.ticks() < 14 * TICK_HZ, "{:?}", scene.mode);
+    }
+    run(&mut scene, 2 * TICK_HZ, &mut |_| true);
+    assert_eq!(scene.mode, Mode::Engaged);
+    scene
 });
 
-/// A world that is engaged, two seconds into the motion.
-static ENGAGED: LazyLock<Bench> = LazyLock::new(|| {
-    let mut bench = Bench::new(6);
-    while bench.mode != Mode::Engaged {
-        bench.step(&mut |_| true);
-        assert!(bench.k < 12 * TICK_HZ, "{:?}", bench.mode);
-    }
-    bench.run(2 * TICK_HZ, &mut |_| true);
-    assert_eq!(bench.mode, Mode::Engaged);
-    bench
-});
-
-/// A world, a client that plays a motion, and an operator who holds the enable.
-#[derive(Clone)]
-struct Bench {
-    world: World,
-    player: Player,
-    k: u64,
-    mode: Mode,
-    enable: bool,
-    last: Option<Moment>,
-}
-
-impl Bench {
-    fn new(seed: u64) -> Self {
-        let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
-        Self {
-            world: World::new(&CONFIG, seed, Links::default()),
-            player: Player::new(&motion::builtin(), play, 9, 1),
-            k: 0,
-            mode: Mode::Disengaged,
-            enable: false,
-            last: None,
-        }
-    }
-
-    /// Runs one tick. `spoil` gets each frame of the client, and may change it or drop it.
-    fn step(&mut self, spoil: &mut dyn FnMut(&mut RawSkeleton) -> bool) -> Moment {
-        let now = self.world.now();
-        if let Some((_, mut raw)) = self.player.due(now, self.mode == Mode::Engaged)
-            && spoil(&mut raw)
-        {
-            self.world.publish(&raw);
-        }
-        let held = self.enable;
-        self.enable = self.k >= TICK_HZ;
-        let operator = OperatorView {
-            connected: true,
-            enable_level: self.enable,
-            enable_edge: self.enable && !held,
-            heartbeat_received: now,
-            ..OperatorView::default()
-        };
-        let moment = self.world.step(&CONFIG, &operator, Running::ALL);
-        self.mode = moment.control.and_then(|c| Mode::from_u32(c.status.mode)).expect("a mode");
-        self.k += 1;
-        self.last = Some(moment);
-        moment
-    }
-
-    fn run(&mut self, ticks: u64, spoil: &mut dyn FnMut(&mut RawSkeleton) -> bool) {
-        for _ in 0..ticks {
-            self.step(spoil);
-        }
-    }
-
-    fn why(&self) -> u32 {
-        let status = self.last.and_then(|moment| moment.control).expect("control").status;
-        let kept = messages::TRANSITIONS_KEPT;
-        status.transitions[(status.transition_count as usize + kept - 1) % kept].why
-    }
-
-    fn assert_no_violations(&self, context: &str) {
-        for (kind, count) in self.world.report().violations() {
-            assert_eq!(count, 0, "{context}: {kind}");
-        }
-    }
+/// Runs some ticks, with a spoiled client. Returns the last one.
+fn run(scene: &mut Scene, ticks: u64, spoil: &mut dyn FnMut(&mut RawSkeleton) -> bool) -> Option<Moment> {
+    (0..ticks).map(|_| scene.step_spoiled(spoil)).last()
 }
 
 /// The person goes on moving under the clutch.
 #[test]
 fn f119_robot_stands_under_the_clutch_of_the_frames_and_then_moves_slowly_to_the_person() {
-    let mut bench = ENGAGED.clone();
-    bench.run(2 * TICK_HZ, &mut under_clutch);
-    assert_eq!((bench.mode, bench.why()), (Mode::Holding, Fault::Clutch as u32));
-    let at = |bench: &Bench| bench.last.and_then(|moment| moment.robot).expect("a robot").q;
-    let (stands, limits) = (at(&bench), CONFIG.control.model.limits);
-    bench.run(TICK_HZ, &mut under_clutch);
-    assert!(at(&bench).iter().zip(&stands).all(|(now, then)| (now - then).abs() < 1e-6), "it stands");
+    let mut scene = ENGAGED.clone();
+    let robot = |moment: Option<Moment>| moment.and_then(|moment| moment.robot).expect("a robot");
+    let stands = robot(run(&mut scene, 2 * TICK_HZ, &mut under_clutch)).q;
+    let why = explain::newest_transitions(&scene.status, 1).next().expect("a transition").why;
+    assert_eq!((scene.mode, why), (Mode::Holding, Fault::Clutch as u32));
+    let (later, limits) = (robot(run(&mut scene, TICK_HZ, &mut under_clutch)).q, scene.config.control.model.limits);
+    assert!(later.iter().zip(&stands).all(|(now, then)| (now - then).abs() < 1e-6), "it stands");
     let mut ticks = 0;
-    while bench.mode != Mode::Engaging {
-        bench.step(&mut |_| true);
+    while scene.mode != Mode::Engaging {
+        scene.step();
         ticks += 1;
-        assert!(ticks < TICK_HZ / 5, "{:?}", bench.mode);
+        assert!(ticks < TICK_HZ / 5, "{:?}", scene.mode);
     }
     for tick in 0..TICK_HZ - 5 {
-        let robot = bench.step(&mut |_| true).robot.expect("a robot");
+        let robot = scene.step().robot.expect("a robot");
         let fastest = robot.v.iter().zip(&limits).fold(0.0, |most: f64, (v, limits)| most.max(v.abs() / limits.v_max));
         assert!(fastest <= 0.05 + 1e-6, "tick {tick}: {fastest} of a limit");
     }
-    bench.run(5 * TICK_HZ, &mut |_| true);
-    assert_eq!(bench.mode, Mode::Engaged);
-    bench.assert_no_violations("clutch");
+    run(&mut scene, 5 * TICK_HZ, &mut |_| true);
+    assert_eq!(scene.mode, Mode::Engaged);
+    assert_eq!(scene.world.report().violations_total(), 0, "{:?}", scene.world.report().violations());
 }
 
 fn under_clutch(f: &mut RawSkeleton) -> bool {
@@ -145,26 +75,25 @@ fn each_change_of_the_person_releases_the_robot_and_is_named() {
         (PersonChange::Doubtful, TICK_HZ * 6 / 10, stretch, |_| {}),
     ];
     for (change, ticks, spoil, after) in cases {
-        let mut bench = ENGAGED.clone();
+        let mut scene = ENGAGED.clone();
         if change == PersonChange::FirstOfIngest {
-            bench.world.restart_ingest();
+            scene.world.restart_ingest();
         }
-        bench.run(ticks, &mut |f| {
+        run(&mut scene, ticks, &mut |f| {
             spoil(f);
             change != PersonChange::Session
         });
-        bench.run(TICK_HZ, &mut |f| {
+        run(&mut scene, TICK_HZ, &mut |f| {
             after(f);
             true
         });
-        let status = bench.last.and_then(|moment| moment.control).expect("control").status;
         let changed = |made: &&Transition| made.why == Fault::PersonChanged as u32;
-        let about: Vec<_> = explain::newest_transitions(&status, u32::MAX)
+        let about: Vec<_> = explain::newest_transitions(&scene.status, u32::MAX)
             .filter(changed)
             .map(|made| Subject::from_code(made.about))
             .collect();
         assert_eq!(about, [Some(Subject::Person(change))]);
-        assert_eq!(bench.mode, Mode::Disengaged, "{change:?}: the enable is held, but the robot was released");
-        bench.assert_no_violations("another person");
+        assert_eq!(scene.mode, Mode::Disengaged, "{change:?}: the enable is held, but the robot was released");
+        assert_eq!(scene.world.report().violations_total(), 0, "{:?}", scene.world.report().violations());
     }
 }

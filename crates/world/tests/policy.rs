@@ -1,58 +1,20 @@
 //! A policy through every stage: its chunks, its silence, and the person who takes over from it.
 
-use crate::support::loaded;
-use client::{PlayOptions, Player};
+use crate::support::random_posture;
+use crate::support::scene::{Scene, player};
 use messages::{
-    ChunkDrop, Fault, Faults, Header, JOINTS_MAX, JointCommand, Layout, Mode, PolicyChunk, Stamp, TICK_HZ, TICK_S,
-    chunk_flag, source_flag,
+    ChunkDrop, Fault, Faults, Header, JOINTS_MAX, Layout, Mode, PolicyChunk, Stamp, TICK_HZ, TICK_S, chunk_flag,
+    source_flag,
 };
-use motion::CalibrationMode;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Model;
-use safety::engage::OperatorView;
-use world::{Links, Moment, Running, World, WorldConfig};
 
 /// Rows of a chunk, and the time between them: 20 Hz, as many published policies.
 const ROWS: usize = 16;
 const PERIOD_NS: u64 = 50_000_000;
 
-/// A world with a policy, a person who plays the built-in motion, and an operator.
-struct Scene {
-    config: WorldConfig,
-    world: World,
-    player: Player,
-    hand: OperatorView,
-    sequence: u64,
-    mode: Mode,
-    /// The person stands still, or nobody is there.
-    stands: bool,
-    nobody: bool,
-    status: messages::Status,
-    command: JointCommand,
-    /// Largest step of a commanded velocity beyond what the acceleration limits allow, rad/s and m/s.
-    worst_step: f64,
-}
-
 impl Scene {
-    fn new(seed: u64) -> Self {
-        let config = WorldConfig::new(&loaded()).expect("the shipped settings");
-        let options = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
-        Self {
-            world: World::new(&config, seed, Links::default()),
-            config,
-            player: Player::new(&motion::builtin(), options, 1, 1),
-            hand: OperatorView { connected: true, ..OperatorView::default() },
-            sequence: 0,
-            mode: Mode::Disengaged,
-            stands: false,
-            nobody: false,
-            status: messages::Status::ZERO,
-            command: JointCommand::ZERO,
-            worst_step: f64::NEG_INFINITY,
-        }
-    }
-
     fn model(&self) -> &Model {
         &self.config.control.model
     }
@@ -85,31 +47,6 @@ impl Scene {
         self.world.publish_chunk(&self.config, &chunk)
     }
 
-    fn step(&mut self) -> Moment {
-        let now = self.world.now();
-        self.hand.heartbeat_received = now;
-        if let Some((_, raw)) = self.player.due(now, self.mode == Mode::Engaged && !self.stands)
-            && !self.nobody
-        {
-            self.world.publish(&raw);
-        }
-        let moment = self.world.step(&self.config, &self.hand, Running::ALL);
-        (self.hand.enable_edge, self.hand.release_edge) = (false, false);
-        let control = moment.control.expect("control runs");
-        self.status = control.status;
-        self.mode = Mode::from_u32(control.status.mode).expect("a mode");
-        if let Some(command) = control.command {
-            if self.command.k + 1 == command.k {
-                for (j, limits) in self.config.control.model.limits.iter().enumerate() {
-                    let step = (command.v[j] - self.command.v[j]).abs() - limits.a_max * TICK_S;
-                    self.worst_step = self.worst_step.max(step);
-                }
-            }
-            self.command = command;
-        }
-        moment
-    }
-
     /// Runs `seconds`, with a new chunk ten times a second.
     fn run(&mut self, seconds: f64, amplitude: f64) {
         for k in 0..(seconds * TICK_HZ as f64) as u64 {
@@ -122,7 +59,7 @@ impl Scene {
 
     fn engage(&mut self, amplitude: f64) {
         self.run(1.0, amplitude);
-        (self.hand.enable_edge, self.hand.enable_level) = (true, true);
+        self.press_enable();
         self.run(3.0, amplitude);
         assert_eq!(self.mode, Mode::Engaged, "{:?}", Faults(self.status.faults));
     }
@@ -249,7 +186,7 @@ fn at_home(seed: u64) -> (Scene, [f64; JOINTS_MAX], usize) {
     scene.stands = true;
     let home = scene.model().home;
     hold(&mut scene, home, TICK_HZ);
-    (scene.hand.enable_edge, scene.hand.enable_level) = (true, true);
+    scene.press_enable();
     hold(&mut scene, home, 3 * TICK_HZ);
     assert_eq!(scene.mode, Mode::Engaged);
     let elbow = scene.model().arms[0].range().nth(3).expect("an elbow");
@@ -338,8 +275,7 @@ fn f144_person_who_vanishes_or_changes_during_takeover_stops_the_robot() {
     scene.run(0.5, 0.1);
     assert_eq!((scene.mode, scene.status.sources), (Mode::Engaged, source_flag::PERSON[0] | source_flag::POLICY[1]));
     // Another client. It gets the lease after a second, and leads nothing then.
-    let options = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
-    scene.player = Player::new(&motion::builtin(), options, 2, 2);
+    scene.player = player(&motion::builtin(), 1.0, 2);
     let mut stopped = false;
     for k in 0..6 * TICK_HZ {
         if k % 100 == 0 {
@@ -364,17 +300,8 @@ fn f141_adversarial_policy_breaks_no_limit() {
     for k in 0..ticks {
         if k % 50 == 0 && random.random_bool(0.7) {
             let attack = random.random_range(0..8);
-            let inside = |random: &mut Pcg64| {
-                std::array::from_fn(|j| {
-                    if j < model.count {
-                        random.random_range(model.limits[j].q_min..=model.limits[j].q_max)
-                    } else {
-                        0.0
-                    }
-                })
-            };
             if attack < 2 || random.random_bool(0.05) {
-                goal = inside(&mut random);
+                goal = random_posture(&model, &mut random, 0.0);
             }
             let (here, noise) = (scene.command.q, random.random_range(0.0..0.5));
             let mut chunk = scene.chunk(random.random_range(0..60_000_000), |s| match attack {
@@ -402,7 +329,7 @@ fn f141_adversarial_policy_breaks_no_limit() {
         scene.step();
         engaged += u64::from(scene.mode == Mode::Engaged);
         match scene.mode {
-            Mode::Disengaged if k % 300 == 0 => (scene.hand.enable_edge, scene.hand.enable_level) = (true, true),
+            Mode::Disengaged if k % 300 == 0 => scene.press_enable(),
             Mode::Faulted => scene.hand.reset_edge = k % 300 == 0,
             _ => scene.hand.reset_edge = false,
         }

@@ -1,7 +1,7 @@
 //! A robot that starts outside its limits or too close to itself is refused. Hold-to-run brings it back, and then
 //! it engages. Control and driver are the real ones, the robot is simulated.
 
-use crate::support::{Bench, JOINTS, clearance, distances, loaded};
+use crate::support::{Bench, JOINTS, clearance, distances, loaded, random_posture};
 use messages::{Fault, Faults, JOINTS_MAX, Mode, TICK_HZ, Transition};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -14,20 +14,11 @@ const ROUNDING_M: f64 = 1e-9;
 /// Longest recovery, ticks: 20 mrad take 0.3 s at 0.1 rad/s, and a hand that overlaps by 40 mm is out in a few seconds.
 const BACK_WITHIN: u64 = 20 * TICK_HZ;
 
-/// Random postures inside the limits.
-fn posture(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS_MAX] {
-    std::array::from_fn(|j| {
-        let (low, high) = (model.limits[j].q_min, model.limits[j].q_max);
-        let inset = 0.01 * (high - low);
-        if j < model.count { rng.random_range(low + inset..high - inset) } else { 0.0 }
-    })
-}
-
 /// Postures that overlap or nearly do, by at most `depth_m`.
 fn in_collision(model: &Model, rng: &mut Pcg64Mcg, depth_m: f64) -> [f64; JOINTS_MAX] {
     let mut frames = Frames::default();
     loop {
-        let q = posture(model, rng);
+        let q = random_posture(model, rng, 0.01);
         let clear = clearance(model, &mut frames, &q);
         let of_itself = distances(model, &mut frames, &q)[..model.pairs.len()].contains(&clear);
         if of_itself && clear > -depth_m && clear < model.d_measured_min_m - 5e-4 {

@@ -1,45 +1,30 @@
 //! Reduced speed through the whole chain: a clean motion is never slowed, a target that jumps is, and no limit breaks.
 
-use crate::support::{Bench, JOINTS, loaded};
-use client::{PlayOptions, Player};
+use crate::support::scene::{Scene, player};
+use crate::support::{Bench, JOINTS, loaded, random_posture};
 use messages::{JOINTS_MAX, Mode, TICK_HZ, reduced_flag};
-use motion::CalibrationMode;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use safety::engage::OperatorView;
-use world::{Links, Running, World, WorldConfig};
 
 /// Plays the first seconds of the built-in motion at a frame rate. Returns the number of engaged ticks.
 fn clean(frame_rate_hz: f64) -> u64 {
-    let config = WorldConfig::new(&loaded()).expect("the shipped settings");
     let mut motion = motion::builtin();
     let step = (motion.frame_rate_hz / frame_rate_hz).max(1.0) as usize;
     motion.frames = motion.frames.into_iter().step_by(step).collect();
     motion.frame_rate_hz /= step as f64;
     // A camera faster than the motion's own rate shows the motion faster.
     let speed = frame_rate_hz / motion.frame_rate_hz;
-    let options = PlayOptions { speed, looped: true, calibration: CalibrationMode::First10s };
-    let mut player = Player::new(&motion, options, 1, 1);
-    let mut world = World::new(&config, 1, Links::default());
-    let (mut mode, mut engaged, mut fastest) = (Mode::Disengaged, 0, 0.0_f64);
+    let mut scene = Scene::with(&loaded(), player(&motion, speed, 1), 1);
+    let (mut engaged, mut fastest) = (0, 0.0_f64);
     let mut last: Option<[f64; JOINTS_MAX]> = None;
     for k in 0..14 * TICK_HZ {
-        let now = world.now();
-        if let Some((_, raw)) = player.due(now, mode == Mode::Engaged) {
-            world.publish(&raw);
+        if k == TICK_HZ {
+            scene.press_enable();
         }
-        let operator = OperatorView {
-            connected: true,
-            enable_level: k >= TICK_HZ,
-            enable_edge: k == TICK_HZ,
-            heartbeat_received: now,
-            ..OperatorView::default()
-        };
-        let moment = world.step(&config, &operator, Running::ALL);
-        let status = moment.control.expect("control runs").status;
-        mode = Mode::from_u32(status.mode).expect("a mode");
+        let moment = scene.step();
+        let status = scene.status;
         assert_eq!(status.reduced, 0, "{frame_rate_hz} Hz, tick {k}");
-        engaged += u64::from(mode == Mode::Engaged && status.speed_scale == 1.0);
+        engaged += u64::from(scene.mode == Mode::Engaged && status.speed_scale == 1.0);
         if let (Some(target), Some(last)) = (moment.target, last) {
             let speed = |j: usize| (target.q[j] - last[j]).abs() * TICK_HZ as f64;
             fastest = (3..JOINTS).map(speed).fold(fastest, f64::max);
@@ -47,7 +32,7 @@ fn clean(frame_rate_hz: f64) -> u64 {
         last = moment.target.filter(|target| target.valid_mask != 0).map(|target| target.q);
     }
     println!("{frame_rate_hz} Hz: {engaged} ticks engaged, fastest joint of a target {fastest:.1} rad/s");
-    assert_eq!(world.report().violations_total(), 0);
+    assert_eq!(scene.world.report().violations_total(), 0);
     engaged
 }
 
@@ -56,13 +41,6 @@ fn f020_f034_f035_clean_motion_at_30_to_120_hz_is_never_slowed() {
     for frame_rate_hz in [30.0, 60.0, 120.0] {
         assert!(clean(frame_rate_hz) > 8 * TICK_HZ);
     }
-}
-
-fn posture(bench: &Bench, rng: &mut Pcg64Mcg) -> [f64; JOINTS_MAX] {
-    std::array::from_fn(|j| {
-        let limits = &bench.model().limits[j];
-        rng.random_range(limits.q_min..limits.q_max)
-    })
 }
 
 #[test]
@@ -75,7 +53,7 @@ fn f022_f034_f048_jumping_target_is_reached_without_overshoot() {
         // elbow.
         let mut far = bench.model().home;
         if seed % 2 == 0 {
-            far = posture(&bench, &mut rng);
+            far = random_posture(bench.model(), &mut rng, 0.0);
         } else {
             for joint in [5, 7] {
                 let limits = &bench.model().limits[joint];

@@ -1,11 +1,11 @@
 //! The checker counts everything outside the limits and nothing inside them.
 
 use super::{Bench, Judge, K, MODEL, exact, ideal};
-use crate::support::ELBOW;
+use crate::support::{ELBOW, random_posture};
 use checker::{Checker, Report, ViolationKind};
 use driver::Setpoint;
 use messages::{JOINTS_MAX, JointCommand, Layout, Mode, TICK_S};
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use robot::Frames;
 use world::simulated::{Config, Options};
@@ -170,13 +170,7 @@ fn clearance_matches_robot_model_and_is_counted_below_bound() {
     let mut frames = Frames::default();
     let (mut below, mut above) = (0, 0);
     for _ in 0..400 {
-        let initial: [f64; JOINTS_MAX] = std::array::from_fn(|j| {
-            let limits = &MODEL.limits[j];
-            rng.random_range(
-                limits.q_min + 1e-2 * (limits.q_max - limits.q_min)
-                    ..limits.q_max - 1e-2 * (limits.q_max - limits.q_min),
-            )
-        });
+        let initial = random_posture(&MODEL, &mut rng, 0.01);
         let mut bench = Bench::new(&Options { initial: Some(initial), ..Options::default() }, 1);
         bench.tick(K + 1, None);
         MODEL.forward(&bench.state.follower().motion.q, &mut frames);

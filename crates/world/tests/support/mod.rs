@@ -1,11 +1,14 @@
 //! Control and a simulated robot in virtual time, with targets that a test chooses.
 #![allow(dead_code, unreachable_pub)]
 
+pub mod scene;
+
 use config::{Loaded, Overrides};
 use messages::{
     ALL_JOINTS, Faults, Header, JOINTS_MAX, JointTarget, Layout, Mode, RobotState, Stamp, Status, TICK_HZ,
     TRAJECTORY_NODE_TICKS, Transition, deadline, target_flag,
 };
+use rand::RngExt;
 use robot::{Frames, Model};
 use safety::engage::OperatorView;
 use std::path::{Path, PathBuf};
@@ -245,6 +248,15 @@ impl Bench {
         let report = self.robot.report();
         assert_eq!(report.violations_total(), 0, "{context}: {:?}", report.first_violation);
     }
+}
+
+/// A random posture within the limits. `inset` is the share of a joint's range that is left out at each end.
+pub fn random_posture(model: &Model, rng: &mut impl RngExt, inset: f64) -> [f64; JOINTS_MAX] {
+    std::array::from_fn(|j| {
+        let limits = &model.limits[j];
+        let inset = inset * (limits.q_max - limits.q_min);
+        if j < model.count { rng.random_range(limits.q_min + inset..limits.q_max - inset) } else { 0.0 }
+    })
 }
 
 /// Distances of all checked pairs, and of moving parts from all obstacles, at a posture, m, by the arithmetic of
