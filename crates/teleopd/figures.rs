@@ -12,6 +12,7 @@ const TRANSITIONS_MAX: usize = 1024;
 const UNITS_PER_DEGREE: f64 = 1e6;
 
 /// Sums over the time in which the robot followed.
+#[derive(Default)]
 pub struct Following {
     target: ErrorSums,
     measured: ErrorSums,
@@ -29,6 +30,7 @@ pub struct Following {
     before_engaging: Option<[u32; FAULTS.len()]>,
 }
 
+#[derive(Default)]
 struct ErrorSums {
     sum_rad: f64,
     count: u64,
@@ -36,10 +38,6 @@ struct ErrorSums {
 }
 
 impl ErrorSums {
-    fn new() -> Self {
-        Self { sum_rad: 0.0, count: 0, spread: Histogram::new() }
-    }
-
     fn add(&mut self, error_rad: f64) {
         self.sum_rad += error_rad;
         self.count += 1;
@@ -59,15 +57,8 @@ impl Following {
         let turns = (0..model.count).filter(|&j| !model.prismatic[j]);
         Self {
             turning: turns.map(|j| 1 << j).sum(),
-            target: ErrorSums::new(),
-            measured: ErrorSums::new(),
-            throughout: ErrorSums::new(),
-            meant: false,
-            tracking_squares: 0.0,
-            tracking_max: 0.0,
-            tracking_count: 0,
             transitions: Vec::with_capacity(TRANSITIONS_MAX),
-            before_engaging: None,
+            ..Self::default()
         }
     }
 
