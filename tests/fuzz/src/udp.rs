@@ -9,7 +9,7 @@ pub(crate) fn mvn(input: &[u8]) {
 }
 
 pub(crate) fn vmc(input: &[u8]) {
-    listen(&mut Vmc::new(), input, 55);
+    listen(&mut Vmc::default(), input, 55);
 }
 
 /// Runs the input. It consists of packets, each with its length (u16) before it. The rest is the last packet.

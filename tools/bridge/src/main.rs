@@ -25,7 +25,7 @@ fn main() -> ExitCode {
     rt::abort_on_panic();
     let outcome = match Cli::parse().program {
         Program::Mvn { bind, character, to } => run(bind, &to, Mvn::new(character)),
-        Program::Vmc { bind, to } => run(bind, &to, Vmc::new()),
+        Program::Vmc { bind, to } => run(bind, &to, Vmc::default()),
         Program::Link(command) => bridge::link::run(&command),
     };
     rt::finish("bridge", outcome)

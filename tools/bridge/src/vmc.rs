@@ -73,14 +73,16 @@ pub struct Vmc {
     counts: Counts,
 }
 
-impl Vmc {
-    pub fn new() -> Self {
+impl Default for Vmc {
+    fn default() -> Self {
         let mut frame = empty(SkeletonLayout::UnityHumanoid, COUNT, raw_flag::ROTATIONS | raw_flag::LOCAL);
         frame.rotations[..COUNT].fill([0.0, 0.0, 0.0, 1.0]);
         let (root, hips) = (Transform::identity(), Transform::identity());
         Self { root, hips, seen: 0, frame, absent: false, moved: [false; 2], time: None, counts: Counts::default() }
     }
+}
 
+impl Vmc {
     fn message(&mut self, message: &OscMessage, publish: &mut dyn FnMut(&RawSkeleton)) -> Result<(), Refused> {
         match message.addr.as_str() {
             ROOT => {
@@ -158,12 +160,6 @@ impl Vmc {
     }
 }
 
-impl Default for Vmc {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Protocol for Vmc {
     fn decode(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<Taken, Refused> {
         // Nested bundles are not part of this protocol, and the decoder would read them by recursion.
@@ -181,7 +177,7 @@ impl Protocol for Vmc {
     }
 
     fn for_new_sender(&self) -> Self {
-        Self { counts: self.counts, ..Self::new() }
+        Self { counts: self.counts, ..Self::default() }
     }
 
     fn counts(&self) -> Counts {
@@ -289,7 +285,7 @@ mod tests {
 
     #[test]
     fn person_in_one_bundle_or_many_messages_makes_one_frame() {
-        let (outcome, whole) = take(&mut Vmc::new(), &bytes(body(1.0)));
+        let (outcome, whole) = take(&mut Vmc::default(), &bytes(body(1.0)));
         assert_eq!((outcome, whole.len()), (Ok(Taken::Person), 1));
         let frame = &whole[0];
         assert_eq!((frame.layout, frame.joint_count, frame.flags), (7, 55, raw_flag::ROTATIONS | raw_flag::LOCAL));
@@ -305,7 +301,7 @@ mod tests {
             assert_eq!((frame.rotations[i], frame.confidence[i]), ([sin, 0.0, 0.0, cos], 1.0));
         }
         assert_eq!(frame.rotations[21], [0.0, 0.0, 0.0, 1.0], "an eye");
-        let mut vmc = Vmc::new();
+        let mut vmc = Vmc::default();
         let one_by_one: Vec<_> =
             body(1.0).iter().flat_map(|packet| take(&mut vmc, &encoder::encode(packet).expect("a packet")).1).collect();
         assert_eq!(one_by_one, whole);
@@ -324,9 +320,9 @@ mod tests {
             }
             bundle => bundle,
         };
-        let (_, expected) = take(&mut Vmc::new(), &bytes(body(2.0)));
+        let (_, expected) = take(&mut Vmc::default(), &bytes(body(2.0)));
         assert_eq!(
-            take(&mut Vmc::new(), &bytes(body(2.0).into_iter().map(whole).collect())),
+            take(&mut Vmc::default(), &bytes(body(2.0).into_iter().map(whole).collect())),
             (Ok(Taken::Person), expected)
         );
         // NaN, and a rotation of zeros, mark an arm that is not seen. The person stays.
@@ -337,14 +333,14 @@ mod tests {
                 let place = 1 + BONES.iter().position(|(known, _)| *known == name).expect("a bone");
                 marked[place] = bone("/VMC/Ext/Bone/Pos", name, mark);
             }
-            let (_, frames) = take(&mut Vmc::new(), &bytes(marked));
+            let (_, frames) = take(&mut Vmc::default(), &bytes(marked));
             assert_eq!(frames[0].confidence[13..=18], [1.0, 1.0, 0.0, 1.0, 0.0, 1.0]);
         }
     }
 
     #[test]
     fn arm_that_returns_to_the_rest_pose_is_not_seen_and_so_is_a_person_without_tracking() {
-        let mut vmc = Vmc::new();
+        let mut vmc = Vmc::default();
         let rest = |time: f32| {
             let mut all = body(time);
             for (name, _) in BONES.iter().filter(|(name, _)| name.starts_with("Left")) {
@@ -369,7 +365,7 @@ mod tests {
 
     #[test]
     fn frame_without_a_time_message_ends_at_the_next_round() {
-        let mut vmc = Vmc::new();
+        let mut vmc = Vmc::default();
         let round: Vec<_> = body(1.0)
             .into_iter()
             .filter(|packet| !matches!(packet, OscPacket::Message(m) if m.addr == "/VMC/Ext/T"))
@@ -381,7 +377,7 @@ mod tests {
 
     #[test]
     fn missing_arm_gets_confidence_zero_and_lost_person_no_frame() {
-        let mut vmc = Vmc::new();
+        let mut vmc = Vmc::default();
         let left = |packet: &OscPacket| !matches!(packet, OscPacket::Message(m) if matches!(&m.args[0], OscType::String(name) if name.starts_with("Right")));
         let (_, frames) = take(&mut vmc, &bytes(body(1.0).into_iter().filter(left).collect()));
         assert_eq!(frames[0].confidence[13..=18], [1.0, 0.0, 1.0, 0.0, 1.0, 0.0]);
@@ -404,7 +400,7 @@ mod tests {
 
     #[test]
     fn malformed_packet_is_refused_with_its_reason() {
-        let mut vmc = Vmc::new();
+        let mut vmc = Vmc::default();
         let inner = OscPacket::Bundle(OscBundle { timetag: OscTime { seconds: 0, fractional: 1 }, content: vec![] });
         let mut rest = encoder::encode(&message("/VMC/Ext/T", vec![OscType::Float(1.0)])).expect("a packet");
         rest.extend([0; 4]);

@@ -37,7 +37,7 @@ console.log(Buffer.from(osc.writePacket({ timeTag: { raw: [0, 1] }, packets })).
 
 /// Checks the one person of these packets.
 fn check(packets: &[Vec<u8>], library: &str) {
-    let (mut vmc, mut frames) = (Vmc::new(), Vec::<RawSkeleton>::new());
+    let (mut vmc, mut frames) = (Vmc::default(), Vec::<RawSkeleton>::new());
     for packet in packets {
         assert_eq!(vmc.decode(packet, &mut |frame| frames.push(*frame)), Ok(Taken::Person), "{library}");
     }
