@@ -11,6 +11,7 @@ const RETRY_NS: u64 = 500_000_000;
 const IDLE_NS: u64 = 60_000_000_000;
 
 /// An operator's client of `ingest`. A connection takes up to a second, so a thread makes it.
+#[derive(Default)]
 pub(super) struct Person {
     socket: PathBuf,
     client: Option<Client>,
@@ -25,17 +26,7 @@ pub(super) struct Person {
 
 impl Person {
     pub(super) fn new(socket: &Path) -> Self {
-        let (retry, published) = (Stamp::NONE, Stamp::NONE);
-        Self {
-            socket: socket.to_owned(),
-            client: None,
-            connecting: None,
-            retry,
-            published,
-            session_nonce: 0,
-            feedback_sequence: 0,
-            why: None,
-        }
+        Self { socket: socket.to_owned(), ..Self::default() }
     }
 
     /// Publishes a person. Before the connection is there, it is lost.
