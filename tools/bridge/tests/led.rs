@@ -2,11 +2,11 @@
 //! the link is killed, and the emergency stop is pressed.
 
 use client::Transport;
-use harness::{Harness, Operator, StateObserver, assert_no_violations, publisher, wait_until, within};
+use harness::{Harness, Killed, Operator, StateObserver, assert_no_violations, publisher, wait_until, within};
 use messages::Mode;
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitCode, Stdio};
+use std::process::{Command, ExitCode, Stdio};
 use std::time::Duration;
 
 /// Time for which nothing may engage by itself.
@@ -18,31 +18,22 @@ const NOISE: f64 = 1e-3;
 /// A joint that is this far from where it was has followed, rad or m.
 const MOVED: f64 = 0.2;
 
-/// A process of `teleop-bridge link`.
-struct End(Child);
+/// A process of `teleop-bridge link`. At its end it cannot say goodbye.
+struct End(Killed);
 
 impl End {
     fn start(arguments: &[&str]) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_teleop-bridge"));
-        Self(command.arg("link").args(arguments).stdout(Stdio::null()).spawn().expect("it starts"))
+        Self(Killed(command.arg("link").args(arguments).stdout(Stdio::null()).spawn().expect("it starts")))
     }
 
     /// Suspends the process for longer than a session lasts without it, and for less than the lease of its person.
     fn pause(&self, length: Duration) {
-        for signal in ["-STOP", "-CONT"] {
-            let sent = Command::new("kill").args([signal, &self.0.id().to_string()]).status();
-            assert!(sent.expect("kill(1) runs").success());
+        for signal in ["STOP", "CONT"] {
+            harness::signal(self.0.id(), signal);
             // The length of the suspension is the test's input.
-            std::thread::sleep(if signal == "-STOP" { length } else { Duration::ZERO });
+            std::thread::sleep(if signal == "STOP" { length } else { Duration::ZERO });
         }
-    }
-}
-
-impl Drop for End {
-    /// The end of a process that cannot say goodbye.
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
     }
 }
 

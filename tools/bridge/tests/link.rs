@@ -8,14 +8,14 @@ mod trust;
 
 use bridge::link::{Keys, Wire, config, key};
 use doors::{LeaseState, Reply};
-use harness::{Pace, holds_for, wait_until, within};
+use harness::{Killed, Pace, holds_for, wait_until, within};
 use messages::{Fault, Faults, Feedback, Header, Layout, Message, Mode, RawSkeleton, Stamp, Status};
 use operator::{OperatorCounts, OperatorSession};
 use rt::Background;
 use std::io::{BufRead, BufReader};
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Output, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -111,7 +111,7 @@ impl Daemon {
 
 /// A process of `teleop-bridge link` and its lines.
 pub(crate) struct End {
-    child: Child,
+    _child: Killed,
     lines: Arc<Mutex<Vec<String>>>,
 }
 
@@ -129,18 +129,11 @@ impl End {
                 of_thread.lock().expect("whole").push(line);
             }
         });
-        Self { child, lines }
+        Self { _child: Killed(child), lines }
     }
 
     fn wait_line(&self, what: &str) {
         wait_until(what, || self.lines.lock().expect("whole").iter().any(|line| line.contains(what)));
-    }
-}
-
-impl Drop for End {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
     }
 }
 
