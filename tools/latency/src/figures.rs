@@ -1,9 +1,8 @@
 //! Figures that all blocks of one variant measured together.
 
 use crate::distribution::Distribution;
-use crate::error::invalid;
 use crate::processes::Outcome;
-use rt::Failure;
+use rt::{Exit, Failure};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -65,7 +64,7 @@ struct Telemetry {
     process: Process,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct VariantFigures {
     hops: Vec<Distribution>,
     wake_ups: Vec<Distribution>,
@@ -85,16 +84,11 @@ impl VariantFigures {
         let mut all = Self {
             hops: vec![Distribution::default(); HOPS.len()],
             wake_ups: vec![Distribution::default(); LOOPS.len()],
-            processes: Vec::new(),
-            missed: [0; 3],
-            ticks: [0; 3],
-            published: 0,
-            accepted: 0,
-            wall_s: 0.0,
-            blocks: 0,
+            ..Self::default()
         };
+        let invalid = Failure::with(Exit::Failed);
         for outcome in outcomes {
-            all.add(outcome).map_err(invalid)?;
+            all.add(outcome).map_err(&invalid)?;
         }
         let empty = HOPS.iter().zip(&all.hops).find(|(_, distribution)| distribution.count() == 0);
         match empty {

@@ -7,7 +7,6 @@ pub mod blocks;
 pub mod cli;
 pub mod client;
 pub mod distribution;
-mod error;
 pub mod figures;
 pub mod host;
 pub mod load;

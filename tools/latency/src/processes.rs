@@ -2,7 +2,6 @@
 
 use crate::blocks::{Block, Kind};
 use crate::client::Client;
-use crate::error::invalid;
 use crate::settings::Changes;
 use harness::{Harness, Look, Operator};
 use messages::Mode;
@@ -68,7 +67,8 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
         };
         scope.spawn(drive).join()
     });
-    let driven = driven.unwrap_or_else(|_| Err(invalid("the client's thread panicked")));
+    let invalid = Failure::with(Exit::Failed);
+    let driven = driven.unwrap_or_else(|_| Err(invalid("the client's thread panicked".to_owned())));
     let mut trouble = harness.children.stop();
     let Driven { wall_s, published, failures, ended } = driven?;
     if shutdown.requested() {

@@ -2,12 +2,12 @@
 //! sleep to absolute deadlines of CLOCK_MONOTONIC, alone, each in a process of its own with locked memory.
 
 use crate::distribution::Distribution;
-use crate::error::unmeasured;
 use clap::Parser;
 use messages::{TICK_HZ, deadline, tick_at};
-use rt::{Failure, Policy, Realtime, RealtimeConfig};
+use rt::{Exit, Failure, Policy, Realtime, RealtimeConfig};
 use serde::Deserialize;
 use serde_json::{Value, json};
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use telemetry::Series;
@@ -18,6 +18,11 @@ const CYCLICTEST_BUCKETS: u32 = 100_000;
 const CUT_OFF_NS: u64 = 500;
 /// First argument that makes this program the probe.
 pub const PROBE: &str = "probe";
+
+/// The reference cannot be measured.
+pub(crate) fn unmeasured(program: impl Display, cause: impl Display) -> Failure {
+    Failure::new(Exit::Software, format!("{program}: {cause}"))
+}
 
 pub(crate) fn core_text(cores: &[usize]) -> String {
     cores.iter().map(usize::to_string).collect::<Vec<_>>().join(",")

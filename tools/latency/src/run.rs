@@ -3,13 +3,12 @@
 use crate::blocks::{self, Kind};
 use crate::cli::{Cli, Compare, Pin, Policy};
 use crate::distribution::Distribution;
-use crate::error::{invalid, unmeasured};
 use crate::figures::VariantFigures;
 use crate::host::Host;
 use crate::load::Load;
 use crate::measured::Measured;
 use crate::processes::{self, Outcome, Setup};
-use crate::reference;
+use crate::reference::{self, unmeasured};
 use crate::settings::Changes;
 use config::Overrides;
 use rt::{Exit, Failure, RealtimeConfig, Shutdown};
@@ -47,7 +46,8 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, Failure> {
             (Kind::Events | Kind::Polled, _) => {
                 let outcome = processes::run(&setup, *block, shutdown)?;
                 if matches!(options.pin, Some(Pin::Cores(_))) && outcome.cores().is_none() {
-                    return Err(invalid("--pin: the system refused these cores (teleopd doctor)"));
+                    let text = "--pin: the system refused these cores (teleopd doctor)";
+                    return Err(Failure::new(Exit::Failed, text));
                 }
                 // The references run on the cores of the processes.
                 spec.cores = outcome.cores();
