@@ -30,7 +30,7 @@ pub use python::python;
 pub use rig::{DRIVER, OperatorSession, Rig, SHORT_HOLD, assert_no_violations, interrupt, modes, signal};
 pub use running::{Harness, publisher};
 pub use settings::write as write_settings;
-pub use wait::{Pace, SOON, holds_for, soon, wait_until, within};
+pub use wait::{Pace, SOON, holds_for, soon, wait_until, within, within_by};
 
 use std::ops::{Deref, DerefMut};
 use std::path::{Path, PathBuf};

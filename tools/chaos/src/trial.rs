@@ -4,16 +4,17 @@ use crate::figures::has_robot;
 use crate::injection::{Injection, Kind, Target};
 use crate::monitor::Monitor;
 use crate::rig::Rig;
+use harness::within_by;
 use messages::{Mode, TICK_HZ, state_flag, tick_at};
 use rt::{Exit, Failure};
 use std::time::{Duration, Instant};
 
 /// Longest wait for a rest that must come. Only a robot that does not stop takes nearly as long.
 const REST_WITHIN: Duration = Duration::from_secs(5);
-/// Number of attempts to engage. A busy machine starves heartbeats, and then control rightly revokes the enable.
-const TRIES_MAX: u32 = 5;
 /// Time between two looks at the monitor.
 const LOOK: Duration = Duration::from_millis(1);
+/// Number of attempts to engage. A busy machine starves heartbeats, and then control rightly revokes the enable.
+const TRIES_MAX: u32 = 5;
 /// Time for which a restarted or resumed process is watched: longer than any stale time of a real-time stream.
 const WATCHED: Duration = Duration::from_millis(250);
 
@@ -98,22 +99,14 @@ fn suspend(rig: &mut Rig, outcome: &mut Outcome, length: Duration) -> Result<(),
 }
 
 fn robot_stands(monitor: &Monitor) -> bool {
-    let give_up = Instant::now() + REST_WITHIN;
-    while Instant::now() < give_up {
-        if monitor.seen().robot_stands() {
-            return true;
-        }
-        std::thread::sleep(LOOK);
-    }
-    false
+    within_by(REST_WITHIN, LOOK, || monitor.seen().robot_stands())
 }
 
 /// Waits until the driver reports rest at a tick after the fault was detected. Earlier rest does not count: an engaged robot rests
 /// while its person stands still, and the driver still executes commands from before the detection.
 fn wait_rest(rig: &mut Rig, outcome: &mut Outcome, struck: u64) {
-    let give_up = Instant::now() + REST_WITHIN;
     let mut noticed = None;
-    while Instant::now() < give_up {
+    outcome.rested = within_by(REST_WITHIN, LOOK, || {
         let seen = rig.monitor.seen();
         noticed = noticed.or_else(|| {
             if outcome.fault.target == Target::Control {
@@ -125,9 +118,7 @@ fn wait_rest(rig: &mut Rig, outcome: &mut Outcome, struck: u64) {
         });
         if seen.at_rest() && noticed.is_some_and(|noticed| seen.k() >= noticed.max(struck + 1)) {
             outcome.rest_after_ticks = Some(seen.k() - struck);
-            return;
         }
-        std::thread::sleep(LOOK);
-    }
-    outcome.rested = false;
+        outcome.rest_after_ticks.is_some()
+    });
 }
