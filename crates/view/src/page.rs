@@ -246,7 +246,7 @@ impl Page {
             && let Some(outcome) = hand.answer()
         {
             if !outcome.held {
-                headset.lost(hand);
+                headset.release(hand);
             }
             self.report("hand", &outcome)?;
         }

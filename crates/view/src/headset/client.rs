@@ -59,11 +59,7 @@ impl HeadsetClient {
 
     /// Notes that the enable is not held. The hand must open before it can press again. A press that is on its way at that
     /// moment is taken back, so that the hand does not let go of nothing.
-    pub fn lost(&mut self, operator: &OperatorWorker) {
-        self.release(operator);
-    }
-
-    fn release(&mut self, operator: &OperatorWorker) {
+    pub fn release(&mut self, operator: &OperatorWorker) {
         if self.state.lose_press() {
             operator.ask(OperatorCommand::Release);
         }
