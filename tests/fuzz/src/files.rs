@@ -1,7 +1,7 @@
 //! Motion files: BVH, .npy, .npz and .mcap, as whole files through the function that every tool uses.
 
 use crate::bytes::Bytes;
-use motion::{ArrayError, Motion, npy};
+use motion::{Motion, npy};
 use std::io::{Cursor, Write};
 use std::sync::LazyLock;
 
@@ -22,10 +22,8 @@ pub(crate) fn bvh(input: &[u8]) {
 
 /// Tests a .npy, as an array alone, and as HumanML3D's positions or features.
 pub(crate) fn npy(input: &[u8]) {
-    match npy::read_npy(input) {
-        Ok(array) => assert_eq!(array.shape.iter().product::<usize>(), array.values.len()),
-        Err(ArrayError::TooLarge { .. }) => {}
-        Err(_) => {}
+    if let Ok(array) = npy::read_npy(input) {
+        assert_eq!(array.shape.iter().product::<usize>(), array.values.len());
     }
     load("npy", input);
 }
