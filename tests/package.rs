@@ -77,23 +77,25 @@ fn run(command: &mut Command) -> Option<Output> {
     Some(output)
 }
 
-/// Builds the package from the programs that are already built. The error says why there is none.
-fn package(folder: &Path) -> Result<PathBuf, String> {
-    let installed =
-        |name: &str| Command::new(name).arg("--version").output().is_ok_and(|output| output.status.success());
-    for needed in ["cargo-deb", "dpkg-deb"] {
-        if !installed(needed) {
+/// Returns the folder of our programs. The error says which of others is not installed, or which of ours is not built.
+fn programs(others: &[&str], ours: &[&str]) -> Result<&'static Path, String> {
+    for needed in others {
+        if !Command::new(needed).arg("--version").output().is_ok_and(|output| output.status.success()) {
             return Err(format!("{needed} is not installed"));
         }
     }
     let built = Path::new(env!("CARGO_BIN_EXE_teleopd")).parent().expect("a folder");
+    match ours.iter().find(|needed| !built.join(needed).exists()) {
+        Some(needed) => Err(format!("{needed} is not built (cargo build --release --workspace)")),
+        None => Ok(built),
+    }
+}
+
+/// Builds the package from the programs that are already built. The error says why there is none.
+fn package(folder: &Path) -> Result<PathBuf, String> {
+    let built = programs(&["cargo-deb", "dpkg-deb"], &["dist", "replay", "latency", "record", "teleop-bridge"])?;
     if !built.ends_with("release") {
         return Err("the package takes release builds".into());
-    }
-    for needed in ["dist", "replay", "latency", "record", "teleop-bridge"] {
-        if !built.join(needed).exists() {
-            return Err(format!("{needed} is not built (cargo build --release --workspace)"));
-        }
     }
     run(Command::new(built.join("dist")).current_dir(root())).ok_or("dist does not run")?;
     let file = folder.join("teleopd.deb");
@@ -173,17 +175,7 @@ fn package_holds_its_files_and_its_settings_are_accepted() {
 
 /// Builds the wheel from the programs that are already built. The error says why there is none.
 fn wheel(folder: &Path) -> Result<PathBuf, String> {
-    for needed in ["maturin", "strip"] {
-        if !Command::new(needed).arg("--version").output().is_ok_and(|output| output.status.success()) {
-            return Err(format!("{needed} is not installed"));
-        }
-    }
-    let built = Path::new(env!("CARGO_BIN_EXE_teleopd")).parent().expect("a folder");
-    for needed in ["dist", "bundle"] {
-        if !built.join(needed).exists() {
-            return Err(format!("{needed} is not built (cargo build --release --workspace)"));
-        }
-    }
+    let built = programs(&["maturin", "strip"], &["dist", "bundle"])?;
     let mut dist = Command::new(built.join("dist"));
     dist.args(["--wheel", "--this-machine", "--out"]).arg(folder).arg("--programs").arg(built);
     run(dist.current_dir(root())).ok_or("dist does not run")?;
