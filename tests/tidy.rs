@@ -283,15 +283,7 @@ fn parry_is_named_in_one_file_of_robot() {
     assert!(naming.len() <= 1 && naming.iter().all(|name| name.starts_with("crates/robot/")), "parry in {naming:?}");
 }
 
-#[test]
-fn every_fault_has_a_row_in_the_safety_document() {
-    let text = std::fs::read_to_string(root().join("SAFETY.md")).expect("SAFETY.md");
-    for row in &messages::FAULTS {
-        let named = text.lines().any(|line| line.starts_with('|') && line.contains(&format!("`{}`", row.name)));
-        assert!(named, "SAFETY.md has no row for {}", row.name);
-    }
-}
-
+/// Every fault has a row, and the last cell of a row names a test.
 #[test]
 fn every_test_that_the_safety_document_names_exists() {
     let text = std::fs::read_to_string(root().join("SAFETY.md")).expect("SAFETY.md");
@@ -384,11 +376,7 @@ fn every_test_file_is_compiled_by_a_test_program() {
 #[test]
 fn files_that_readme_and_book_name_exist() {
     const WRITTEN: [&str; 3] = ["config/contact.toml", "config/operators/anna.toml", "weights/mine"];
-    let chapters =
-        std::fs::read_dir(root().join("docs/src")).expect("docs/src").map(|entry| entry.expect("an entry").path());
-    let chapters = chapters.filter(|path| path.extension().is_some_and(|ending| ending == "md"));
-    let documents = chapters.chain([root().join("README.md")]);
-    let text: String = documents.map(|path| std::fs::read_to_string(path).expect("a document")).collect();
+    let text: String = sources::documents(&["README.md"]).into_iter().map(|(_, text)| text).collect();
     let words = text.split(|c: char| c.is_whitespace() || "`()[]\"',;=".contains(c));
     let words = words.map(|word| word.trim_end_matches(['.', ':']).split([':', '@']).next().unwrap_or(word));
     let folders = ["crates/", "tools/", "tests/", "config/", "weights/", ".ci/", "./tools/"];
