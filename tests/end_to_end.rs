@@ -122,38 +122,29 @@ fn f070_f073_restarted_process_with_held_enable_moves_nothing() {
     });
 }
 
+/// SIGABRT has the effect of a panic (`rt::abort_on_panic`).
 #[test]
-fn f058_f073_dead_control_leaves_robot_on_its_certified_stop() {
+fn f058_f073_f075_dead_control_leaves_robot_on_its_certified_stop() {
     in_real_time(|| {
-        let (mut rig, operator, mut observer, _client) = Rig::moving(Rig::shared_memory_client);
-        rig.kill("control");
-        let latched = observer.wait("latched", |state| state.flags & state_flag::DRIVER_FAULT != 0);
-        assert!(latched.plan_ticks_played >= 15, "{}", latched.plan_ticks_played);
-        observer.wait_at_rest();
-        drop(operator);
-        // A new control takes over the resting robot. It stays faulted until a reset.
-        rig.start("control");
-        let operator = rig.operator_session();
-        operator.wait_mode(Mode::Faulted);
-        assert!(operator.raised(Fault::DriverFault) > 0);
-        operator.wait("measured at rest", |status| status.moving == 0);
-        operator.reset();
-        operator.wait_mode(Mode::Disengaged);
-        observer.wait("unlatched", |state| state.flags & state_flag::DRIVER_FAULT == 0);
-        rig.end_without_violations();
-    });
-}
-
-#[test]
-fn dead_driver_causes_the_faulted_mode() {
-    in_real_time(|| {
-        let mut rig = Rig::whole();
-        let operator = rig.operator_session();
-        let _client = rig.shared_memory_client();
-        operator.engage_until(Mode::Engaging);
-        rig.kill("driver");
-        operator.wait_mode(Mode::Faulted);
-        assert!(operator.raised(Fault::StateStale) > 0);
+        for signal in ["KILL", "ABRT"] {
+            let (mut rig, operator, mut observer, _client) = Rig::moving(Rig::shared_memory_client);
+            rig.signal("control", signal);
+            rig.ended("control");
+            let latched = observer.wait("latched", |state| state.flags & state_flag::DRIVER_FAULT != 0);
+            assert!(latched.plan_ticks_played >= 15, "{}", latched.plan_ticks_played);
+            observer.wait_at_rest();
+            drop(operator);
+            // A new control takes over the resting robot. It stays faulted until a reset.
+            rig.start("control");
+            let operator = rig.operator_session();
+            operator.wait_mode(Mode::Faulted);
+            assert!(operator.raised(Fault::DriverFault) > 0);
+            operator.wait("measured at rest", |status| status.moving == 0);
+            operator.reset();
+            operator.wait_mode(Mode::Disengaged);
+            observer.wait("unlatched", |state| state.flags & state_flag::DRIVER_FAULT == 0);
+            rig.end_without_violations();
+        }
     });
 }
 
@@ -222,21 +213,6 @@ fn silent_operator_disengages_the_robot() {
         operator.fall_silent();
         other.wait_mode(Mode::Disengaged);
         assert!(other.raised(Fault::OperatorSilent) > 0);
-        observer.wait_at_rest();
-        rig.end_without_violations();
-    });
-}
-
-/// Same effect as a panic (`rt::abort_on_panic`).
-#[test]
-fn f075_aborted_control_leaves_robot_on_its_certified_stop() {
-    in_real_time(|| {
-        let mut rig = Rig::whole();
-        let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
-        let _client = rig.client(&motion::builtin(), 11);
-        operator.engage_until(Mode::Engaging);
-        rig.signal("control", "ABRT");
-        observer.wait("latched", |state| state.flags & state_flag::DRIVER_FAULT != 0);
         observer.wait_at_rest();
         rig.end_without_violations();
     });
