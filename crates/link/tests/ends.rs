@@ -5,6 +5,14 @@ use link::{Down, FRAME_BYTES_MAX, OperatorEnd, Refusal, RobotEnd, Sent, Verdict}
 use messages::{HOLDS_CLUTCH, HOLDS_ENABLE, OperatorRequest, Stamp};
 use proptest::prelude::*;
 
+/// A link whose enable is held.
+fn pressed() -> World {
+    let mut world = World::linked(5 * MS);
+    world.press();
+    world.run(10);
+    world
+}
+
 #[test]
 fn pressed_enable_a_release_and_a_payload_arrive_once_and_persons_are_young() {
     let mut world = World::linked(5 * MS);
@@ -27,9 +35,7 @@ fn pressed_enable_a_release_and_a_payload_arrive_once_and_persons_are_young() {
 #[test]
 fn f125_partition_is_a_release_and_the_level_held_over_it_engages_nothing() {
     for broken in [[true, true], [true, false], [false, true]] {
-        let mut world = World::linked(5 * MS);
-        world.press();
-        world.run(10);
+        let mut world = pressed();
         let before = world.daemon.requests.len();
         world.broken = broken;
         world.run(30);
@@ -95,9 +101,7 @@ fn f127_uncertain_clocks_engage_nothing_and_keep_the_clutch() {
 
 #[test]
 fn f126_late_persons_and_requests_are_refused() {
-    let mut world = World::linked(5 * MS);
-    world.press();
-    world.run(10);
+    let mut world = pressed();
     let before = world.daemon.persons.len();
     world.delays = [97 * MS, 5 * MS];
     world.run(20);
@@ -121,9 +125,7 @@ fn f126_enable_that_arrives_too_late_does_not_come_with_the_next_heartbeat() {
 
 #[test]
 fn f126_replayed_session_changes_nothing() {
-    let mut world = World::linked(5 * MS);
-    world.press();
-    world.run(10);
+    let mut world = pressed();
     let capture = world.captured.clone();
     world.let_go();
     world.run(3);
@@ -251,9 +253,7 @@ fn f125_emergency_stop_that_waits_for_the_daemon_is_repeated_by_a_restart() {
 
 #[test]
 fn f129_second_program_of_an_operator_waits_until_the_first_is_silent() {
-    let mut world = World::linked(5 * MS);
-    world.press();
-    world.run(10);
+    let mut world = pressed();
     let mut rival = OperatorEnd::new(78);
     let mut out = [0; FRAME_BYTES_MAX];
     let length = rival.heartbeat(&world.request, world.theirs(), &mut out);
@@ -294,9 +294,7 @@ fn f128_flood_is_refused_above_the_rate_and_disturbs_no_other_operator() {
 
 #[test]
 fn restarted_robot_end_gets_a_new_session_and_engages_nothing() {
-    let mut world = World::linked(5 * MS);
-    world.press();
-    world.run(10);
+    let mut world = pressed();
     world.robot = RobotEnd::default();
     world.daemon = Daemon::default();
     world.run(60);
