@@ -38,8 +38,9 @@ fn until(socket: &mut Socket, at_s: f32, within_s: f32) -> Vec<f32> {
 }
 
 /// Ten seconds at 120 Hz. The head turns by 0.1 rad a second. The mode is Engaged from 4 s to 6 s.
-fn recorded(model: &robot::Model) -> view::RecordingView {
-    let mut builder = RecordingViewBuilder::new(model);
+fn recorded() -> view::RecordingView {
+    let model = model();
+    let mut builder = RecordingViewBuilder::new(&model);
     let (mut state, mut status) = (RobotState::ZERO, Status::ZERO);
     let mut command = JointCommand::ZERO;
     (state.robot, command.robot) = (model.id(), model.id());
@@ -69,8 +70,7 @@ fn recorded(model: &robot::Model) -> view::RecordingView {
 
 #[test]
 fn page_plays_pauses_and_seeks_recording() {
-    let model = model();
-    let recording = recorded(&model);
+    let recording = recorded();
     assert_eq!(recording.duration_s(), 10.0);
     // The initial state and every change: three sentences.
     assert_eq!(recording.events().len(), 3, "{:?}", recording.events());
@@ -109,8 +109,7 @@ fn playing(socket: &mut Socket) -> Value {
 
 #[test]
 fn every_page_is_told_whether_the_recording_plays() {
-    let model = model();
-    let server = Server::recording(recorded(&model), "head.mcap", &shown(), 0).expect("a port");
+    let server = Server::recording(recorded(), "head.mcap", &shown(), 0).expect("a port");
     let mut first = page(&server);
     assert_eq!(playing(&mut first), true);
     ask(&mut first, json!({ "do": "pause" }));
@@ -125,8 +124,7 @@ fn every_page_is_told_whether_the_recording_plays() {
 
 #[test]
 fn unknown_request_to_recording_closes_page() {
-    let model = model();
-    let server = Server::recording(recorded(&model), "head.mcap", &shown(), 0).expect("a port");
+    let server = Server::recording(recorded(), "head.mcap", &shown(), 0).expect("a port");
     for bad in [
         json!({ "do": "engage" }),
         json!({ "do": "stop" }),
@@ -148,8 +146,7 @@ fn unknown_request_to_recording_closes_page() {
 
 #[test]
 fn page_with_endless_message_does_not_block_server_end() {
-    let model = model();
-    let server = Server::recording(recorded(&model), "head.mcap", &shown(), 0).expect("a port");
+    let server = Server::recording(recorded(), "head.mcap", &shown(), 0).expect("a port");
     let mut socket = page(&server);
     let MaybeTlsStream::Plain(stream) = socket.get_mut() else { panic!("no TLS on the loopback") };
     let mut stream = stream.try_clone().expect("a twin");
