@@ -34,12 +34,6 @@ pub struct KeyPoses {
     pub person: Box<PersonOf>,
 }
 
-impl std::fmt::Debug for KeyPoses {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("KeyPoses").field("names", &self.names).finish_non_exhaustive()
-    }
-}
-
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MixRequest {
     /// Become the client whose person the robot follows.

@@ -93,7 +93,7 @@ enum Arm {
 }
 
 /// Data source of a page.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub enum PageSource {
     /// A running instance, the key poses if the pages may use them, and what they need to measure if they may use a webcam.
     Instance(Instance, Option<Arc<KeyPoses>>, Option<Measuring>),

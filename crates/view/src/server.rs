@@ -37,7 +37,7 @@ const END_WITHIN: Duration = Duration::from_secs(1);
 const CONNECTIONS_MAX: usize = 32;
 
 /// Further abilities of the pages of an instance.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub struct LiveOptions {
     /// A page may be the person that the robot follows, by mixing these.
     pub key_poses: Option<KeyPoses>,
