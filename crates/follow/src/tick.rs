@@ -150,9 +150,9 @@ pub struct State {
     frames: Box<Frames>,
 }
 
-impl State {
-    /// Creates a state at rest. Allocates its working memory, once.
-    pub fn new() -> Self {
+/// A state at rest. It allocates its working memory, once.
+impl Default for State {
+    fn default() -> Self {
         let unbounded = ArmVector::repeat(1.0);
         let bounds = Bounds { q_min: -unbounded, q_max: unbounded, v_max: unbounded, a_max: unbounded };
         let problem = Problem {
@@ -181,7 +181,9 @@ impl State {
             frames: Box::default(),
         }
     }
+}
 
+impl State {
     /// Updates the stalled time of an arm from the error of its limbs at the end of its horizon.
     fn update_stall(&mut self, config: &Config, arm: usize) {
         let work = &*self.iteration;
@@ -202,12 +204,6 @@ impl State {
     }
 }
 
-impl Default for State {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// Advances the stage by one period. It is deterministic, and never allocates, blocks, logs, reads a clock or panics.
 ///
 /// ```
@@ -223,7 +219,7 @@ impl Default for State {
 ///     places: &[[[0.0; 4]; 2]; follow::NODES], q: home, v: rest,
 ///     speed_scale: 1.0, wrist_speed_scale: 1.0,
 /// };
-/// let out = follow::tick(&config, &mut follow::State::new(), input);
+/// let out = follow::tick(&config, &mut follow::State::default(), input);
 /// assert!(out.aims[model.arms[0].range().start].is_some());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -440,7 +436,7 @@ mod tests {
             speed_scale: 1.0,
             wrist_speed_scale: 1.0,
         };
-        let mut state = State::new();
+        let mut state = State::default();
         tick(&config, &mut state, input(3000, ALL_JOINTS));
         tick(&config, &mut state, input(3001, 0));
         for arm in 0..ARMS {

@@ -175,7 +175,7 @@ impl Robot {
         let all = posture(model, q);
         Self {
             config: Config::new(model, &model.limits.each_ref().map(|limits| 0.98 * limits.v_max), weights),
-            state: State::new(),
+            state: State::default(),
             k: 7_500_017,
             q: all,
             v: [0.0; JOINTS_MAX],
