@@ -90,7 +90,7 @@ fn prescribed_acceleration_acts_like_its_torque() {
     }
 }
 
-/// What a unit acceleration adds to the torques is a column of the mass matrix.
+/// The torques that a unit acceleration adds are a column of the mass matrix.
 #[test]
 fn mass_matrix_is_symmetric_and_matches_torques() {
     let body = body(HANDS);

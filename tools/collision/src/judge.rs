@@ -28,7 +28,7 @@ const MOVING_CELLS_MAX: usize = 60_000;
 pub struct Proof {
     /// They stay at least this far apart, m.
     pub at_least_m: f64,
-    /// Whose distance was judged.
+    /// The bodies whose distance was judged.
     pub by: &'static str,
 }
 
