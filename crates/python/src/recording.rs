@@ -64,6 +64,18 @@ impl Table {
     }
 }
 
+/// Returns the kind of a source's messages. `None` if it is none of ours.
+fn kind(source: &Source) -> Option<&'static str> {
+    let kinds = [
+        (Skeleton::TYPE_NAME, "skeletons"),
+        (JointTarget::TYPE_NAME, if source.topic == POLICY { "policy_targets" } else { "targets" }),
+        (JointCommand::TYPE_NAME, "commands"),
+        (RobotState::TYPE_NAME, "states"),
+        (Status::TYPE_NAME, "statuses"),
+    ];
+    kinds.into_iter().find_map(|(layout, kind)| (source.schema == layout.as_str()).then_some(kind))
+}
+
 /// Appends a message to its kind, and returns true. False if this is no kind of ours.
 fn push(
     tables: &mut BTreeMap<&'static str, Table>,
@@ -72,21 +84,11 @@ fn push(
     at: u64,
     data: &[u8],
 ) -> Result<bool, String> {
-    fn is<M: Message>(source: &Source) -> bool {
-        source.schema == M::TYPE_NAME.as_str()
-    }
     fn decoded<M: Message>(data: &[u8]) -> Result<M, String> {
         let size = size_of::<M>();
         M::from_le_bytes(data).ok_or_else(|| format!("{}: a message of {} bytes, not {size}", M::NAME, data.len()))
     }
-    let kind = match source {
-        source if is::<Skeleton>(source) => "skeletons",
-        source if is::<JointTarget>(source) => ["targets", "policy_targets"][usize::from(source.topic == POLICY)],
-        source if is::<JointCommand>(source) => "commands",
-        source if is::<RobotState>(source) => "states",
-        source if is::<Status>(source) => "statuses",
-        _ => return Ok(false),
-    };
+    let Some(kind) = kind(source) else { return Ok(false) };
     let table = tables.entry(kind).or_default();
     // The first message of each period is kept. A stamp in whole ns may be just before its instant.
     let period = |at: u64, rate_mhz: u64| (u128::from(at) + 1) * u128::from(rate_mhz) / 1_000_000_000_000;
