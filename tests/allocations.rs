@@ -35,7 +35,7 @@ fn f076_no_stage_allocates_in_a_tick() {
     let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
     let mut player = Player::new(&motion::builtin(), play, 5, 1);
     let skeleton_config = skeleton::Config::default();
-    let mut skeleton_state = skeleton::State::new();
+    let mut skeleton_state = skeleton::State::default();
     let mut retarget_state = retarget::State::default();
     let mut control_state = control::State::new(&control_config, 2);
     let mut robot_state = simulated::State::new(&robot_config, TICK_HZ - 1, 1);

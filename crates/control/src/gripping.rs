@@ -2,14 +2,14 @@
 
 use crate::Config;
 use crate::target::Target;
-use messages::{GripperMotion, Layout, Mode, source_flag};
+use messages::{GripperMotion, Mode, source_flag};
 use safety::{gate, gripper};
 
 /// A hand takes its gripper over at this difference of their closures. Assumption: a person does not see less.
 const TAKEN_WITHIN: f64 = 0.1;
 
 /// State of the grippers.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Gripping {
     /// The last motion that was sent.
     sent: GripperMotion,
@@ -19,12 +19,6 @@ pub(super) struct Gripping {
     sources: u32,
     /// The hands' closures at the last tick of this engagement.
     seen: [Option<f64>; 2],
-}
-
-impl Default for Gripping {
-    fn default() -> Self {
-        Self { sent: GripperMotion::ZERO, taken: [false; 2], sources: 0, seen: [None; 2] }
-    }
 }
 
 impl Gripping {

@@ -5,7 +5,7 @@ use crate::robot_state::{Posture, Robot};
 use crate::target::Target;
 use crate::tick::Gated;
 use crate::{Commanded, Config, Input, limited, payload, status};
-use messages::{Fault, Header, InputStatus, Layout, Mode, Stamp, Status, Subject, Transition, source_flag};
+use messages::{Fault, Header, InputStatus, Mode, Stamp, Status, Subject, Transition, source_flag};
 use safety::engage::{self, MotionView};
 
 /// Silence of `ingest` after which its status is ignored, ns: ten of its periods.
@@ -14,16 +14,10 @@ const INGEST_GONE_NS: u64 = 1_000_000_000;
 const DROPPED_NOW_NS: u64 = 1_000_000_000;
 
 /// The status that is published, and the newest one of `ingest`.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Report {
     pub(super) status: Status,
     ingest: Option<(InputStatus, Stamp)>,
-}
-
-impl Default for Report {
-    fn default() -> Self {
-        Self { status: Status::ZERO, ingest: None }
-    }
 }
 
 impl Report {

@@ -196,7 +196,7 @@ pub(crate) fn as_smpl(person: &Person, rotations: bool) -> RawSkeleton {
 
 pub(crate) fn judge(raw: &RawSkeleton) -> Result<Skeleton, DropReason> {
     let now = raw.header.origin.plus_ns(1_000_000);
-    let out = tick(&Config::default(), &mut State::new(), now, Input { raw, stored: None });
+    let out = tick(&Config::default(), &mut State::default(), now, Input { raw, stored: None });
     out.skeleton.ok_or_else(|| out.drop.expect("accepted or dropped"))
 }
 

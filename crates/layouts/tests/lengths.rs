@@ -38,7 +38,7 @@ fn person(state: &mut State, raw: &RawSkeleton) -> Option<Skeleton> {
 
 #[test]
 fn frame_gets_lengths_of_session_and_keeps_directions() {
-    let (mut lengths, mut state, mut chance) = (Lengths::default(), State::new(), Chance(1));
+    let (mut lengths, mut state, mut chance) = (Lengths::default(), State::default(), Chance(1));
     let mut before: Option<[f32; 4]> = None;
     for i in 0..300 {
         let mut raw = frame(i);
@@ -77,7 +77,7 @@ fn short_or_long_bone_lowers_confidence_of_its_arm_alone() {
     for (factors, used) in
         [([1.0, 1.0], true), ([1.0, 0.8], true), ([1.0, 0.2], false), ([0.2, 1.0], false), ([1.0, 3.0], false)]
     {
-        let (mut lengths, mut state) = (Lengths::default(), State::new());
+        let (mut lengths, mut state) = (Lengths::default(), State::default());
         (0..10).for_each(|i| _ = person(&mut state, &settled(&mut lengths, frame(i))));
         let mut raw = frame(10);
         stretch(&mut raw, 0, factors);

@@ -130,7 +130,7 @@ fn layout_of_image_points_alone_gives_a_person() {
     }
     let after = lifted(&Lifter::new(&layers([50.0; DIRECTIONS])), &layouts, &raw);
     let skeleton = skeleton::Config { length_change_max: f64::INFINITY, ..skeleton::Config::default() };
-    let mut state = skeleton::State::new();
+    let mut state = skeleton::State::default();
     let seen = (1..20).filter_map(|i| {
         let mut raw = after;
         raw.header.sequence = i;

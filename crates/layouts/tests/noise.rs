@@ -41,7 +41,7 @@ fn filter_delay_of_moving_joint_matches_formula() {
 
 #[test]
 fn f013_frozen_tracker_is_dropped_at_same_frame_with_filter() {
-    let (mut filtered, mut plain, mut noise) = (State::new(), State::new(), NoiseState::default());
+    let (mut filtered, mut plain, mut noise) = (State::default(), State::default(), NoiseState::default());
     let mut drops = 0;
     for i in 0..40 {
         let mut raw = frame(i);

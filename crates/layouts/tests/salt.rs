@@ -65,7 +65,7 @@ pub struct Filtered {
 pub fn filter(noise: &Noise, frames: &[Places], rate_hz: f64) -> Filtered {
     // Bounds of lengths show how steady the filtered frames are. A camera's frames have none: they get those of their session.
     let bounds = Config { length_change_max: 0.3, length_step_max: 0.15, ..Config::default() };
-    let (mut past, mut state) = (NoiseState::default(), State::new());
+    let (mut past, mut state) = (NoiseState::default(), State::default());
     let (mut out, mut accepted) = (Vec::new(), 0);
     for (i, frame) in frames.iter().enumerate() {
         let mut raw = RawSkeleton { joint_count: SMPL_JOINTS as u32, ..RawSkeleton::ZERO };

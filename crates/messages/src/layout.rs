@@ -189,6 +189,12 @@ macro_rules! message {
             }
         }
 
+        impl Default for $name {
+            fn default() -> Self {
+                <Self as $crate::Layout>::ZERO
+            }
+        }
+
         impl $crate::Message for $name {
             const NAME: &'static str = stringify!($name);
             const VERSION: u32 = $version;

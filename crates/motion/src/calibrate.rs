@@ -50,7 +50,7 @@ pub fn calibrate(motion: &Motion, mode: CalibrationMode) -> HingeCalibration {
         rig.hinge[2..4].copy_from_slice(&[right; 2]);
         return rig;
     }
-    let mut calibrator = Calibrator::new();
+    let mut calibrator = Calibrator::default();
     for frame in motion.frames.iter().take(frames) {
         calibrator.add(&frame.positions, &frame.rotations, frame.seen());
     }

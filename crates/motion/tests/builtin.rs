@@ -13,7 +13,7 @@ fn rotation(q: [f32; 4]) -> UnitQuaternion<f64> {
 
 fn accepted(motion: &Motion, frames: usize) -> u64 {
     let calibration = calibrate(motion, CalibrationMode::First10s);
-    let mut state = skeleton::State::new();
+    let mut state = skeleton::State::default();
     for i in 0..frames {
         let mut raw = raw_frame(motion, i, &calibration);
         raw.header.sequence = i as u64 + 1;
@@ -55,7 +55,7 @@ fn motion_that_picks_up_a_box_shows_hands_and_head_before_it_reaches() {
     let fastest = fastest(&motion);
     assert!((1.0..3.0).contains(&fastest), "a limb turns with {fastest:.2} rad/s");
     let calibration = calibrate(&motion, CalibrationMode::First10s);
-    let mut state = skeleton::State::new();
+    let mut state = skeleton::State::default();
     let known = skeleton_flag::HAND[0] | skeleton_flag::HAND[1] | skeleton_flag::HEAD;
     let (mut first, mut tilt, mut hands_m) = (None, 0.0_f64, f32::INFINITY);
     for i in 0..motion.frames.len() {

@@ -34,19 +34,13 @@ impl Config {
 const WAITING_MAX: usize = 4;
 
 /// State of the stage. Fixed size, no heap.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct State {
     /// The chunk that plays. Its session is zero before the first.
     playing: PolicyChunk,
     /// Chunks that replace it, each at its start, in this order. Those beyond `count` mean nothing.
     waiting: [PolicyChunk; WAITING_MAX],
     count: usize,
-}
-
-impl Default for State {
-    fn default() -> Self {
-        Self { playing: PolicyChunk::ZERO, waiting: [PolicyChunk::ZERO; WAITING_MAX], count: 0 }
-    }
 }
 
 impl State {

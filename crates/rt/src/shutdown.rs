@@ -11,21 +11,16 @@ const SLICE_NS: u64 = 20_000_000;
 /// Value if the program asked for the shutdown and no signal did.
 const BY_PROGRAM: usize = usize::MAX;
 
-/// A flag that SIGINT, SIGTERM or the program raise. Clones share it.
+/// A flag that SIGINT, SIGTERM or the program raise. Clones share it. The default is one that only the program raises.
 #[derive(Clone, Debug, Default)]
 pub struct Shutdown {
     cause: Arc<AtomicUsize>,
 }
 
 impl Shutdown {
-    /// Creates a flag that only the program raises.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Creates a flag that SIGINT, SIGTERM and SIGHUP (a closed terminal) raise instead of ending the process.
     pub fn on_signals() -> Result<Self, RtError> {
-        let shutdown = Self::new();
+        let shutdown = Self::default();
         for signal in [libc::SIGINT, libc::SIGTERM, libc::SIGHUP] {
             signal_hook::flag::register_usize(signal, Arc::clone(&shutdown.cause), signal as usize)
                 .map_err(|source| RtError::Signal { signal, source })?;
@@ -84,7 +79,7 @@ mod tests {
 
     #[test]
     fn shutdown_request_ends_long_sleep() {
-        let shutdown = Shutdown::new();
+        let shutdown = Shutdown::default();
         let other = shutdown.clone();
         let sleeper = std::thread::spawn(move || other.sleep_until(now().plus_ns(3_600_000_000_000)));
         shutdown.request();
@@ -96,7 +91,7 @@ mod tests {
     #[test]
     fn undisturbed_sleep_reaches_its_deadline() {
         let deadline = now().plus_ns(SLICE_NS + SLICE_NS / 2);
-        assert!(Shutdown::new().sleep_until(deadline));
+        assert!(Shutdown::default().sleep_until(deadline));
         assert!(now() >= deadline);
     }
 

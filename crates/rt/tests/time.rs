@@ -52,7 +52,7 @@ fn lateness_is_measured_from_awaited_deadline() {
 #[test]
 fn loop_follows_clock_until_shutdown_with_and_without_spin() {
     for spin_us in [0.0, 100.0, f64::MAX] {
-        let (shutdown, mut periodic) = (Shutdown::new(), PeriodicLoop::start().spinning_us(spin_us));
+        let (shutdown, mut periodic) = (Shutdown::default(), PeriodicLoop::start().spinning_us(spin_us));
         for _ in 0..20 {
             let tick = periodic.next(&shutdown).expect("no shutdown yet");
             assert!(tick.woke >= deadline(tick.k));

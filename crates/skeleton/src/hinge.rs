@@ -56,11 +56,6 @@ struct Arm {
 }
 
 impl Calibrator {
-    /// Creates an estimate without frames.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Number of frames added so far.
     pub fn frames(&self) -> u32 {
         self.frames

@@ -52,7 +52,7 @@ impl Reference {
 }
 
 /// Learns one person's hinges while they move, and chooses the hinges to use.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Learnt {
     calibrator: Calibrator,
     /// The last valid estimate of each limb, and its weight.
@@ -63,20 +63,6 @@ pub(crate) struct Learnt {
     stored_fits: Option<bool>,
     source: CalibrationSource,
     head: Head,
-}
-
-impl Default for Learnt {
-    fn default() -> Self {
-        Self {
-            calibrator: Calibrator::new(),
-            hinges: HingeCalibration::ZERO,
-            weight: [0.0; LIMBS],
-            newest: Stamp::NONE,
-            stored_fits: None,
-            source: CalibrationSource::None,
-            head: Head::default(),
-        }
-    }
 }
 
 impl Learnt {

@@ -86,11 +86,6 @@ pub struct State {
 }
 
 impl State {
-    /// Creates the state before the first frame.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Number of frames dropped so far for this reason. An accepted frame counts once for each arm that was not used.
     pub const fn dropped(&self, reason: DropReason) -> u64 {
         self.dropped[reason as usize]
@@ -134,7 +129,7 @@ impl State {
 /// use messages::{Layout, RawSkeleton, SkeletonLayout, Stamp};
 /// use skeleton::{Config, DropReason, Input, State, tick};
 ///
-/// let mut state = State::new();
+/// let mut state = State::default();
 /// let raw = RawSkeleton { layout: SkeletonLayout::Smpl22 as u32, joint_count: 22, ..RawSkeleton::ZERO };
 /// let out = tick(&Config::default(), &mut state, Stamp(1_000_000), Input { raw: &raw, stored: None });
 /// assert!(out.skeleton.is_none());

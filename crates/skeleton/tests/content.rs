@@ -114,7 +114,7 @@ fn f016_new_operator_gets_new_person_id_at_once() {
 #[test]
 fn f007_person_keeps_id_after_jump_at_any_rate() {
     for period_ns in [8_333_333, 33_333_333, 66_666_667] {
-        let mut state = State::new();
+        let mut state = State::default();
         let mut at = |i: u64, jumped: bool| {
             let down = person([0.3, -0.9, 0.2, 0.6, 0.0], [0.3, 0.9, 0.2, 0.6, 0.1]);
             let up = person([0.3, 0.9, 0.2, 0.6, 0.0], [0.3, 0.9, 0.2, 0.6, 0.1]);
@@ -133,9 +133,9 @@ fn f007_person_keeps_id_after_jump_at_any_rate() {
 
 #[test]
 fn f008_walking_operator_moves_no_limb_until_range_ends() {
-    let mut state = State::new();
+    let mut state = State::default();
     let still = standing(0.3);
-    let here = accepted(&mut State::new(), &raw(&still, 0)).expect("accepted").limbs;
+    let here = accepted(&mut State::default(), &raw(&still, 0)).expect("accepted").limbs;
     for i in 0..900 {
         let mut away = raw(&still, i);
         away.positions[..SMPL_JOINTS].iter_mut().for_each(|p| p[1] += 0.12 * i as f32);
@@ -198,8 +198,8 @@ proptest! {
                 *number = f32::from_bits(seed & 0x807f_ffff);
             }
         }
-        let plain = accepted(&mut State::new(), &frame(0)).expect("accepted");
-        let odd = accepted(&mut State::new(), &odd).expect("accepted");
+        let plain = accepted(&mut State::default(), &frame(0)).expect("accepted");
+        let odd = accepted(&mut State::default(), &odd).expect("accepted");
         prop_assert_eq!(odd.limbs.map(|q| q.map(f32::to_bits)), plain.limbs.map(|q| q.map(f32::to_bits)));
         prop_assert_eq!(odd.positions.map(|p| p.map(f32::to_bits)), plain.positions.map(|p| p.map(f32::to_bits)));
     }

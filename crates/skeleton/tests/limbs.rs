@@ -100,8 +100,8 @@ fn unseen_joint_invalidates_only_its_limbs() {
 
 #[test]
 fn estimate_needs_flexed_elbows_and_turning_rotations() {
-    let mut straight = Calibrator::new();
-    let mut numb = Calibrator::new();
+    let mut straight = Calibrator::default();
+    let mut numb = Calibrator::default();
     for i in 0..200 {
         let a = f64::from(i) * 0.05;
         let still = person([a.sin(), a.cos() * 0.5, 0.0, 0.05, 0.0], [a.sin(), 0.0, 0.0, 0.05, 0.0]);
@@ -113,7 +113,7 @@ fn estimate_needs_flexed_elbows_and_turning_rotations() {
     }
     assert_eq!(straight.estimate().flags, 0);
     assert_eq!(numb.estimate().flags, 0);
-    assert_eq!(Calibrator::new().estimate().flags, 0);
+    assert_eq!(Calibrator::default().estimate().flags, 0);
 }
 
 proptest! {
@@ -137,7 +137,7 @@ proptest! {
         world in any_rotation(),
         rest in [any_rotation(), any_rotation(), any_rotation()],
     ) {
-        let mut calibrator = Calibrator::new();
+        let mut calibrator = Calibrator::default();
         let bodies: Vec<Body> = arms.iter().map(|&(l, r)| seen(&person(l, r), world, rest)).collect();
         for body in &bodies {
             calibrator.add(&body.0, &body.1, u32::MAX);

@@ -55,7 +55,7 @@ proptest! {
 
     #[test]
     fn f032_wrapping_sequence_drops_no_frame(before in 0u64..1024, lost in 1u64..4) {
-        let mut state = State::new();
+        let mut state = State::default();
         let mut sequence = u64::MAX - before;
         for i in 0..2048 / lost {
             let mut frame = raw(&standing(i as f64 / 60.0), i);

@@ -63,7 +63,7 @@ impl Steps {
 
 #[test]
 fn session_learns_hinges_within_10_s_without_jump() {
-    let (mut state, mut steps, mut truth) = (State::new(), Steps::default(), Steps::default());
+    let (mut state, mut steps, mut truth) = (State::default(), Steps::default(), Steps::default());
     let mut learnt_at = None;
     for i in 0..20 * RATE {
         let [left, right] = angles(i);
@@ -93,14 +93,14 @@ fn session_learns_hinges_within_10_s_without_jump() {
 #[test]
 fn rotations_that_freeze_lose_their_calibration_without_jump() {
     let numb = |body: &Body| (body.0, [[0.0, 0.0, 0.0, 1.0]; 22]);
-    let (mut state, mut steps) = (State::new(), Steps::default());
+    let (mut state, mut steps) = (State::default(), Steps::default());
     for i in 0..30 * RATE {
         let person = accept(&mut state, &raw(&numb(&moving(i)), i), None);
         assert_eq!(state.calibration(), CalibrationSource::None, "frame {i}");
         assert_eq!(person.flags & (skeleton_flag::HAND[0] | skeleton_flag::HAND[1] | skeleton_flag::HEAD), 0);
     }
     // A tracker whose rotations froze after they were right: the learnt hinges lose their weight, and nothing jumps.
-    let mut state = State::new();
+    let mut state = State::default();
     let frozen = elsewhere(&moving(10 * RATE)).1;
     for i in 0..60 * RATE {
         let (positions, rotations) = elsewhere(&moving(i));
@@ -119,7 +119,7 @@ fn rotations_that_freeze_lose_their_calibration_without_jump() {
 
 /// Calibration of the client of [`elsewhere`].
 fn measured() -> Calibration {
-    let mut calibrator = Calibrator::new();
+    let mut calibrator = Calibrator::default();
     for i in 0..10 * RATE {
         let (positions, rotations) = elsewhere(&moving(i));
         calibrator.add(&positions, &rotations, u32::MAX);
@@ -134,18 +134,18 @@ fn stored_calibration_applies_from_first_frame_to_its_person() {
     let stored = measured();
     let frame = raw(&elsewhere(&moving(100)), 0);
     let [left, _] = angles(100);
-    let mut state = State::new();
+    let mut state = State::default();
     let person = accept(&mut state, &frame, Some(&stored));
     assert_eq!(state.calibration(), CalibrationSource::Stored);
     assert!(degrees(person.limbs[0], arm(left).0) < 0.5);
     // Arms of another person.
     for (factor, source) in [(1.1, CalibrationSource::Stored), (1.3, CalibrationSource::None)] {
         let other = Calibration { lengths_m: stored.lengths_m.map(|length| length * factor), ..stored };
-        let mut state = State::new();
+        let mut state = State::default();
         accept(&mut state, &frame, Some(&other));
         assert_eq!(state.calibration(), source, "{factor}");
     }
-    let mut state = State::new();
+    let mut state = State::default();
     accept(&mut state, &RawSkeleton { calibration: stored.hinges, ..frame }, Some(&stored));
     assert_eq!(state.calibration(), CalibrationSource::Client);
     // Another session counts as another person until a new decision.
@@ -158,11 +158,11 @@ fn stored_calibration_applies_from_first_frame_to_its_person() {
 fn stored_lean_tilts_trunk_within_its_bound() {
     let bent = [0.0, 0.0, 0.0, 1.0, 0.0];
     let frame = raw(&person(bent, bent), 0);
-    let upright = accept(&mut State::new(), &frame, None).limbs;
+    let upright = accept(&mut State::default(), &frame, None).limbs;
     for (lean_rad, effect_rad) in [(TORSO_LEAN_RAD, 0.0), (0.2, 0.1), (2.0, LEAN_MAX_RAD - TORSO_LEAN_RAD)] {
         let hinges = HingeCalibration::ZERO;
         let stored = Calibration { hinges, torso_lean_rad: lean_rad, ..Calibration::NONE };
-        let limbs = accept(&mut State::new(), &frame, Some(&stored)).limbs;
+        let limbs = accept(&mut State::default(), &frame, Some(&stored)).limbs;
         // If the trunk is assumed to lean back more, an arm to the side has turned about itself.
         let turned = about(1, -effect_rad) * read(upright[0]);
         assert!(degrees(limbs[0], turned) < 0.1, "{lean_rad}: {limbs:?}");
@@ -225,7 +225,7 @@ fn bent(body: &Body, hands: [UnitQuaternion<f64>; 2], head: UnitQuaternion<f64>)
 
 #[test]
 fn hands_and_head_are_those_of_the_person_whatever_the_rig() {
-    let mut state = State::new();
+    let mut state = State::default();
     let wave = |i: u64, period_s: f64| (std::f64::consts::TAU * i as f64 / RATE as f64 / period_s).sin();
     let mut seen = [0; 3];
     for i in 0..30 * RATE {
@@ -252,7 +252,7 @@ fn hands_and_head_are_those_of_the_person_whatever_the_rig() {
 
 #[test]
 fn person_without_rotations_has_neither_hands_nor_head() {
-    let mut state = State::new();
+    let mut state = State::default();
     for i in 0..10 * RATE {
         let mut raw = raw(&moving(i), i);
         raw.flags = 0;

@@ -6,7 +6,7 @@ use skeleton::{Config, DropReason, Input, State, tick};
 
 #[test]
 fn valid_frame_is_accepted_and_keeps_its_header() {
-    let mut state = State::new();
+    let mut state = State::default();
     let mut frame = raw(&standing(0.0), 0);
     frame.calibration = t_pose_hinges();
     let now = Stamp(1_005_000_000);
@@ -49,7 +49,7 @@ fn each_kind_of_damage_is_dropped_with_its_reason() {
     ];
     for (i, (reason, damage)) in cases.into_iter().enumerate() {
         // A mirror image is refused from the start. In a running session the evidence must change first.
-        let mut state = if reason == DropReason::Chirality { State::new() } else { running(30) };
+        let mut state = if reason == DropReason::Chirality { State::default() } else { running(30) };
         let mut frame = raw(&standing(0.5), 30);
         damage(&mut frame);
         assert_eq!(feed(&mut state, &frame), Some(reason), "case {i}");
@@ -60,7 +60,7 @@ fn each_kind_of_damage_is_dropped_with_its_reason() {
 
 #[test]
 fn stamps_are_checked_on_receiver_clock() {
-    let mut state = State::new();
+    let mut state = State::default();
     let frame = raw(&standing(0.0), 0);
     let config = Config::default();
     let mut at = |ns: i64| {
@@ -75,7 +75,7 @@ fn stamps_are_checked_on_receiver_clock() {
 
 #[test]
 fn session_must_begin_upright_and_may_bend_later() {
-    let mut state = State::new();
+    let mut state = State::default();
     let mut frame = raw(&standing(0.0), 0);
     for p in &mut frame.positions {
         *p = [p[0], -p[2], p[1]]; // y up, sent as z up
@@ -116,7 +116,7 @@ fn quickly_raised_hand_is_accepted_at_every_rate() {
         };
         // A quarter of a second is a quick wave. A tenth is faster than any person.
         for (s, refused) in [(0.25, false), (0.08, true)] {
-            let mut state = State::new();
+            let mut state = State::default();
             let counted = raise(s, rate_hz).filter(|frame| feed(&mut state, frame).is_some()).count();
             assert_eq!(counted > 0, refused, "{rate_hz} Hz, {s} s, up to {} m/s: {counted} frames", fastest(s));
         }
@@ -170,7 +170,7 @@ fn person_after_long_drop_gets_new_id_for_any_operator_id() {
     let config = Config::default();
     for operator_id in [0, 1, u32::MAX] {
         for (silent_ns, same) in [(config.distrust_after_ns, true), (config.distrust_after_ns + 1, false)] {
-            let mut state = State::new();
+            let mut state = State::default();
             let mut see = |ns: u64, i: u64, damage: bool| {
                 let mut frame = raw(&standing(0.0), i);
                 (frame.operator_id, frame.header.origin) = (operator_id, Stamp(1_000_000_000 + ns));

@@ -28,7 +28,7 @@ static PERSON: LazyLock<Vec<RawSkeleton>> = LazyLock::new(|| {
 pub(crate) fn run(input: &[u8]) {
     let mut bytes = Bytes::new(input);
     let config = Config::default();
-    let mut state = State::new();
+    let mut state = State::default();
     let mut now = Stamp(1_000_000_000);
     let mut next = PERSON[0];
     let (mut at, mut sequence) = (0, 0);

@@ -55,7 +55,7 @@ fn cli(input: &Path, out: &Path, more: &[&str]) -> Cli {
 }
 
 fn attempt(input: &Path, out: &Path, more: &[&str]) -> Result<Summary, rt::Failure> {
-    run(&cli(input, out, more), &Shutdown::new(), &ProgressBar::hidden())
+    run(&cli(input, out, more), &Shutdown::default(), &ProgressBar::hidden())
 }
 
 fn go(input: &Path, out: &Path, more: &[&str]) -> Summary {
@@ -317,7 +317,7 @@ fn broken_input_is_reported_and_other_files_are_converted() {
 fn interrupted_run_leaves_no_partial_file_and_resumes() {
     let (_folder, input, out) = folders();
     let cli = cli(&input, &out, &["--recursive", "--rate", "15000", "--jobs", "1"]);
-    let shutdown = Shutdown::new();
+    let shutdown = Shutdown::default();
     let interrupted = std::thread::scope(|scope| {
         scope.spawn(|| {
             // The moment of the interruption is the test's input.
@@ -334,11 +334,11 @@ fn interrupted_run_leaves_no_partial_file_and_resumes() {
         }
     }
     assert_eq!(interrupted.made + usize::from(interrupted.interrupted).max(2 - interrupted.made), 2);
-    let again = run(&cli, &Shutdown::new(), &ProgressBar::hidden()).expect("a summary");
+    let again = run(&cli, &Shutdown::default(), &ProgressBar::hidden()).expect("a summary");
     assert_eq!((again.made + again.finished, again.finished), (2, interrupted.made));
     assert_eq!(rows(&out.join("more/b.csv")).last().map(Vec::len), Some(1 + JOINTS));
 
-    let stopped = Shutdown::new();
+    let stopped = Shutdown::default();
     stopped.request();
     let overwrite = {
         let mut cli = cli.clone();

@@ -96,7 +96,7 @@ pub struct Moved {
 }
 
 /// A sample of the window: the measured positions, and the commanded travel of the joints since the window began.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Entry {
     k: u64,
     q: [f64; JOINTS_MAX],
@@ -137,7 +137,7 @@ impl Lasting {
 }
 
 /// State of the monitor.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Movement {
     window: [Entry; WINDOW],
     oldest: usize,
@@ -152,23 +152,6 @@ pub struct Movement {
     place: Option<[f64; JOINTS_MAX]>,
     far: Lasting,
     moved: Moved,
-}
-
-impl Default for Movement {
-    fn default() -> Self {
-        Self {
-            window: [Entry { k: 0, q: [0.0; JOINTS_MAX], sent: [0.0; JOINTS_MAX] }; WINDOW],
-            oldest: 0,
-            filled: 0,
-            v_sent: [0.0; JOINTS_MAX],
-            sent: [0.0; JOINTS_MAX],
-            joints: [Joint::default(); JOINTS_MAX],
-            unsettled_s: 0.0,
-            place: None,
-            far: Lasting::default(),
-            moved: Moved::default(),
-        }
-    }
 }
 
 /// Largest distance of a joint at rest from its place, rad or m.

@@ -123,7 +123,7 @@ pub(crate) fn feed(state: &mut State, raw: &RawSkeleton) -> Option<DropReason> {
 
 /// A state that has accepted `frames` frames of a moving person.
 pub(crate) fn running(frames: u64) -> State {
-    let mut state = State::new();
+    let mut state = State::default();
     for i in 0..frames {
         assert_eq!(feed(&mut state, &raw(&standing(i as f64 / 60.0), i)), None, "frame {i}");
     }
