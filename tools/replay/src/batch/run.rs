@@ -38,7 +38,7 @@ pub struct Summary {
     pub failed: Vec<(PathBuf, Failure)>,
     /// Files of a readable extension without motion, and the reasons.
     pub no_motion: Vec<(PathBuf, &'static str)>,
-    /// What readers doubt in the files made now, sorted by path.
+    /// Doubts of the readers about the files made now, sorted by path.
     pub warned: Vec<(PathBuf, String)>,
     /// True if Ctrl-C ended it. The next run makes the unfinished files.
     pub interrupted: bool,
