@@ -54,8 +54,8 @@ pub fn input_config(loaded: &Loaded) -> ingest::Config {
 pub struct Bench {
     pub config: control::Config,
     control: Box<control::State>,
-    robot_config: simulated::Config,
-    pub robot: simulated::State,
+    robot_config: Box<simulated::Config>,
+    pub robot: Box<simulated::State>,
     hash: u64,
     k: u64,
     echo: Option<RobotState>,
@@ -84,10 +84,10 @@ impl Bench {
     /// Creates a robot with these options, at rest.
     pub fn with_options(loaded: &Loaded, options: &simulated::Options, seed: u64) -> Self {
         let config = world::control_config(loaded, true).expect("control");
-        let robot_config = simulated::Config::new(&loaded.model, options).expect("the simulated robot");
+        let robot_config = Box::new(simulated::Config::new(&loaded.model, options).expect("the simulated robot"));
         Self {
             control: Box::new(control::State::new(&config, 1)),
-            robot: simulated::State::new(&robot_config, FIRST_K, seed),
+            robot: Box::new(simulated::State::new(&robot_config, FIRST_K, seed)),
             robot_config,
             config,
             hash: loaded.hash,
