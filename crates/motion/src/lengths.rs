@@ -1,15 +1,22 @@
 //! Bones that change their length: estimates of networks, and joints that move. Directions move the robot, lengths do not.
 
 use crate::{Frame, Motion};
-use messages::{SMPL_JOINTS, SMPL_NAMES, SMPL_PARENT};
+use messages::{SMPL_JOINTS, SMPL_NAMES, SMPL_PARENT, Smpl};
 use nalgebra::Vector3;
 
-/// Ends of the bones of arms and legs: knees, ankles, elbows, wrists. In the trunk a rig may have joints between ours, so that
-/// their distances change.
-const ENDS: [usize; 8] = [4, 5, 7, 8, 18, 19, 20, 21];
+/// Ends of the bones of arms and legs. In the trunk a rig may have joints between ours, so that their distances change.
+#[rustfmt::skip]
+const ENDS: [Smpl; 8] = [
+    Smpl::LeftKnee, Smpl::RightKnee, Smpl::LeftAnkle, Smpl::RightAnkle,
+    Smpl::LeftElbow, Smpl::RightElbow, Smpl::LeftWrist, Smpl::RightWrist,
+];
 
-/// Bits of the joints from which the limbs are computed: hips, shoulders, elbows, wrists.
-const ARMS: u32 = 0b11_1111 << 16 | 0b110;
+/// Joints from which the arms' limbs are computed.
+#[rustfmt::skip]
+const ARMS: [Smpl; 8] = [
+    Smpl::LeftHip, Smpl::RightHip, Smpl::LeftShoulder, Smpl::RightShoulder,
+    Smpl::LeftElbow, Smpl::RightElbow, Smpl::LeftWrist, Smpl::RightWrist,
+];
 
 /// Change of a bone's length up to which it counts as constant: a fifth of what `ingest` refuses.
 const CONSTANT: f32 = 0.01;
@@ -23,10 +30,10 @@ const SPEED_M_PER_S: f64 = 25.0;
 
 /// Returns a sentence on the frames that do not see every joint of trunk and arms. `first` is the file's number of the first frame.
 pub(crate) fn doubt_of_sight(motion: &Motion, first: usize) -> Option<String> {
-    let unseen = motion.frames.iter().map(|frame| ARMS & !frame.seen()).enumerate();
-    let mut unseen = unseen.filter(|(_, joints)| *joints != 0);
-    let (n, joints) = unseen.next()?;
-    let (n, name, more) = (n + first, SMPL_NAMES[joints.trailing_zeros() as usize], unseen.count());
+    let unseen = |frame: &Frame| ARMS.into_iter().find(|&joint| !frame.sees(joint as usize));
+    let mut frames = motion.frames.iter().enumerate().filter_map(|(n, frame)| Some((n + first, unseen(frame)?)));
+    let (n, joint) = frames.next()?;
+    let (name, more) = (SMPL_NAMES[joint as usize], frames.count());
     Some(format!("frame {n} and {more} more: {name} or another joint is not seen (0, 0, 0): its limbs are held"))
 }
 
@@ -34,9 +41,9 @@ pub(crate) fn doubt_of_sight(motion: &Motion, first: usize) -> Option<String> {
 pub(crate) fn doubt_of_place(motion: &Motion, first: usize) -> Option<String> {
     let apart = |a: [f32; 3], b: [f32; 3]| f64::from((Vector3::from(a) - Vector3::from(b)).norm());
     let step_m = STEP_M.max(SPEED_M_PER_S / motion.frame_rate_hz);
-    motion.frames.iter().enumerate().find_map(|(n, Frame { positions, .. })| {
+    motion.frames.iter().enumerate().find_map(|(n, frame @ Frame { positions, .. })| {
         let moved = apart(positions[0], motion.frames[n.saturating_sub(1)].positions[0]);
-        let seen = (1..SMPL_JOINTS).filter(|joint| motion.frames[n].seen() >> joint & 1 == 1);
+        let seen = (1..SMPL_JOINTS).filter(|&joint| frame.sees(joint));
         let out = seen.map(|joint| (joint, apart(positions[joint], positions[0])));
         let place = match out.clone().find(|(_, reach)| *reach > REACH * motion.guesses.stature_m) {
             _ if moved > step_m => format!("the pelvis moves by {moved:.1} m"),
@@ -58,13 +65,10 @@ pub(crate) fn even(frames: &mut [Frame]) -> Option<String> {
     let bone = |frame: &Frame, joint: usize| {
         Vector3::from(frame.positions[joint]) - Vector3::from(frame.positions[SMPL_PARENT[joint]])
     };
-    let both = |frame: &Frame, joint: usize| {
-        let ends = 1 << joint | 1 << SMPL_PARENT[joint];
-        frame.seen() & ends == ends
-    };
+    let both = |frame: &Frame, joint: usize| frame.sees(joint) && frame.sees(SMPL_PARENT[joint]);
     let (mut medians, mut worst) = ([None; SMPL_JOINTS], (0.0_f32, 0));
     let mut lengths = Vec::with_capacity(frames.len());
-    for joint in ENDS {
+    for joint in ENDS.map(|end| end as usize) {
         lengths.clear();
         lengths.extend(frames.iter().filter(|frame| both(frame, joint)).map(|frame| bone(frame, joint).norm()));
         let middle = lengths.len() / 2;

@@ -74,9 +74,14 @@ impl Frame {
     pub const ZERO: Self =
         Self { positions: [[0.0; 3]; SMPL_JOINTS], rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS], closure: [None; 2] };
 
-    /// Returns a bit for each joint that is seen. Zeros stand for one that is not, as in live frames. Only the pelvis may be there.
+    /// Returns true if a joint is seen. Zeros stand for one that is not, as in live frames. Only the pelvis may be there.
+    pub(crate) fn sees(&self, joint: usize) -> bool {
+        joint == Smpl::Pelvis as usize || self.positions[joint] != [0.0; 3]
+    }
+
+    /// Returns a bit for each joint that is seen.
     pub(crate) fn seen(&self) -> u32 {
-        (0..SMPL_JOINTS).filter(|&joint| joint == 0 || self.positions[joint] != [0.0; 3]).map(|joint| 1 << joint).sum()
+        (0..SMPL_JOINTS).filter(|&joint| self.sees(joint)).map(|joint| 1 << joint).sum()
     }
 }
 
@@ -133,8 +138,9 @@ impl Motion {
     /// # Errors
     /// Says so if the person lies all the time.
     pub fn stands_from(&self) -> Result<usize, &'static str> {
-        let ankles = 1 << Smpl::LeftAnkle as u32 | 1 << Smpl::RightAnkle as u32;
-        let stands = |frame: &Frame| skeleton::stands(&frame.positions, frame.seen() & ankles == ankles);
+        let ankles =
+            |frame: &Frame| [Smpl::LeftAnkle, Smpl::RightAnkle].iter().all(|&ankle| frame.sees(ankle as usize));
+        let stands = |frame: &Frame| skeleton::stands(&frame.positions, ankles(frame));
         self.frames.iter().position(|frame| stands(frame) == Some(true)).ok_or(
             "in every frame trunk and legs lean by 60 degrees or more, and no robot engages with a person who lies; give a motion \
              with a frame in which they stand or sit, or make postures of it (replay batch)",

@@ -114,7 +114,7 @@ pub fn mix(a: &Frame, b: &Frame, t: f32) -> Frame {
         let (from, to) = (q_a.inverse() * bone(a).cast::<f64>(), q_b.inverse() * bone(b).cast::<f64>());
         let bone = q * turn(from, to, f64::from(t));
         out.positions[joint] = (Vector3::from(out.positions[parent]) + bone.cast::<f32>()).into();
-        if a.seen() & b.seen() >> joint & 1 == 0 {
+        if !a.sees(joint) || !b.sees(joint) {
             out.positions[joint] = [0.0; 3];
         }
     }
