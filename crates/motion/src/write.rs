@@ -8,9 +8,12 @@ use std::fmt::Write;
 use std::path::Path;
 
 /// Names of the joints of SMPL-22.
-const NAMES: &str = "\
-    Hips LeftUpLeg RightUpLeg Spine LeftLeg RightLeg Spine1 LeftFoot RightFoot Spine2 LeftToe RightToe \
-    Neck LeftShoulder RightShoulder Head LeftArm RightArm LeftForeArm RightForeArm LeftHand RightHand";
+#[rustfmt::skip]
+const NAMES: [&str; SMPL_JOINTS] = [
+    "Hips", "LeftUpLeg", "RightUpLeg", "Spine", "LeftLeg", "RightLeg", "Spine1", "LeftFoot", "RightFoot", "Spine2", "LeftToe",
+    "RightToe", "Neck", "LeftShoulder", "RightShoulder", "Head", "LeftArm", "RightArm", "LeftForeArm", "RightForeArm", "LeftHand",
+    "RightHand",
+];
 const CHANNELS: &str = "CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation";
 
 /// Saves a motion as BVH.
@@ -54,7 +57,7 @@ fn write_joint(
     order.push(joint);
     let pad = "  ".repeat(depth);
     let kind = if depth == 0 { "ROOT" } else { "JOINT" };
-    let (p, name) = (locals[joint].0, NAMES.split(' ').nth(joint).unwrap_or_default());
+    let (p, name) = (locals[joint].0, NAMES[joint]);
     let _ = write!(
         text,
         "{pad}{kind} {name}\n{pad}{{\n{pad}  OFFSET {:.6} {:.6} {:.6}\n{pad}  {CHANNELS}\n",
