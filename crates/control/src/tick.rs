@@ -39,7 +39,7 @@ impl State {
             targets: Targets::default(),
             robot: Robot::new(&config.model),
             stream: None,
-            engage: engage::State::new(),
+            engage: engage::State::default(),
             following: Following::default(),
             anchor: Anchor::default(),
             commander: Commander::at_rest(&config.wbc, config.model.home),

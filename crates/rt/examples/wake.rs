@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     println!("{}", Realtime::apply(&config));
     let (shutdown, mut periodic) = (Shutdown::on_signals()?, PeriodicLoop::start().spinning_us(spin_us));
-    let mut late = rt::Histogram::new();
+    let mut late = rt::Histogram::default();
     while periodic.grid().elapsed() < seconds * messages::TICK_HZ {
         let Some(tick) = periodic.next(&shutdown) else { break };
         late.record_ns(tick.late_ns);

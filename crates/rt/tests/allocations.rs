@@ -19,7 +19,7 @@ fn counter_counts_allocations_of_own_thread_only() {
 #[test]
 fn periodic_path_allocates_nothing() {
     let (shutdown, mut periodic) = (Shutdown::default(), PeriodicLoop::start());
-    let mut histogram = Histogram::new();
+    let mut histogram = Histogram::default();
     let mut grid = TickGrid::after(rt::now());
     let ((), count) = count_allocations(|| {
         for i in 0..10_000u64 {

@@ -65,7 +65,7 @@ fn loop_follows_clock_until_shutdown_with_and_without_spin() {
 
 #[test]
 fn quantiles_match_sorted_values_within_0_1_percent() {
-    let mut histogram = Histogram::new();
+    let mut histogram = Histogram::default();
     let values: Vec<u64> = (1..=10_000).map(|i| i * 137).collect();
     values.iter().for_each(|&ns| histogram.record_ns(ns));
     for quantile in [0.5, 0.9, 0.99, 0.999, 1.0] {
@@ -81,7 +81,7 @@ fn quantiles_match_sorted_values_within_0_1_percent() {
 
 #[test]
 fn value_beyond_range_is_counted_with_exact_maximum() {
-    let mut histogram = Histogram::new();
+    let mut histogram = Histogram::default();
     histogram.record_ns(0);
     histogram.record_ns(u64::MAX);
     assert_eq!(histogram.count(), 2);

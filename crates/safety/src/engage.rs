@@ -140,17 +140,6 @@ pub struct State {
 }
 
 impl State {
-    /// Starts Disengaged, with no data seen yet.
-    pub fn new() -> Self {
-        Self {
-            phase: Phase::Disengaged,
-            watch: Watch::default(),
-            reduced: Reduced::default(),
-            latched: Faults::NONE,
-            reset_count: None,
-        }
-    }
-
     /// The mode after the last tick.
     pub const fn mode(&self) -> Mode {
         self.phase.mode()
@@ -170,8 +159,15 @@ impl State {
 }
 
 impl Default for State {
+    /// Starts Disengaged, with no data seen yet.
     fn default() -> Self {
-        Self::new()
+        Self {
+            phase: Phase::Disengaged,
+            watch: Watch::default(),
+            reduced: Reduced::default(),
+            latched: Faults::NONE,
+            reset_count: None,
+        }
     }
 }
 

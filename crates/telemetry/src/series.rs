@@ -23,7 +23,7 @@ pub struct Series {
 impl Default for Series {
     fn default() -> Self {
         let seconds = Vec::with_capacity(SECONDS_MAX);
-        Self { whole: Histogram::new(), second: 0, current: Histogram::new(), seconds, sum_ns: 0 }
+        Self { whole: Histogram::default(), second: 0, current: Histogram::default(), seconds, sum_ns: 0 }
     }
 }
 

@@ -24,7 +24,7 @@ fn config() -> Config {
 pub(crate) fn run(input: &[u8]) {
     let config = config();
     let mut bytes = Bytes::new(input);
-    let mut state = State::new();
+    let mut state = State::default();
     let mut view = well();
     let mut mode = state.mode();
     let mut fresh = 0xf;

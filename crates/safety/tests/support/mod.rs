@@ -79,7 +79,7 @@ impl Bench {
         input.motion.at_rest = true;
         let config = Config::new(&settings()).expect("the shipped figures are allowed");
         let alive = Alive { target: true, input: true, state: true, heartbeat: true };
-        Self { config, state: State::new(), input, alive, last: None }
+        Self { config, state: State::default(), input, alive, last: None }
     }
 
     pub fn now(&self) -> Stamp {
