@@ -5,10 +5,9 @@ use crate::support::motion::{NO_PLAN, T, resting, set_joint, set_stopping, stop_
 use crate::support::{JOINTS, model};
 use judge::joint::{Joint, Stop};
 use messages::{JOINTS_MAX, JointMotion, Stamp, StopPlan};
-use nalgebra::{Matrix3, Vector3};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use robot::{Frames, JointLimits, Model, Obstacle, Pose, Solid};
+use robot::{Frames, JointLimits, Model, Pose};
 use safety::clearance::clearance;
 use safety::engage::Permit;
 use safety::gate::{Check, Config, ConfigError, Decision, Denial, Proposed, State, Verdict, tick};
@@ -362,11 +361,7 @@ fn attack_gate(model: &Model, ticks: u64, seed: u64) {
 #[test]
 fn verdicts_do_not_depend_on_known_distances() {
     let mut model = model();
-    let solids = [
-        Solid::HalfSpace { normal: Vector3::z(), offset_m: 0.2 },
-        Solid::Box { center: Vector3::new(0.6, 0.3, 0.8), r: Matrix3::identity(), half_m: Vector3::repeat(0.1) },
-    ];
-    model.obstacles = solids.map(|solid| Obstacle { name: "solid".into(), solid }).to_vec();
+    model.obstacles = judge::surroundings(0.2);
     let mut adversary = Adversary::new(&model, 3);
     let mut accepted = [0; 2];
     for n in 0..20_000 {

@@ -3,10 +3,8 @@
 use crate::support::{D_MIN_M, JOINTS, config, config_of, home, input, limits, made_up, shipped, towards};
 use judge::{Attacker, Checker, Robot, Rollout};
 use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
-use nalgebra::{Matrix3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use robot::{Obstacle, Solid};
 use wbc::{
     Candidate, Input, Interface, JointMotion, JointStop, Options, Permit, PlannedMotion, State, Target, certify_plan,
     certify_rest, tick,
@@ -58,11 +56,7 @@ fn attack_on_shipped_robot_breaks_no_limit_or_clearance() {
 #[test]
 fn decisions_do_not_depend_on_skipped_pairs() {
     let mut surrounded = shipped();
-    let solids = [
-        Solid::HalfSpace { normal: Vector3::z(), offset_m: 0.3 },
-        Solid::Box { center: Vector3::new(0.6, 0.3, 0.8), r: Matrix3::identity(), half_m: Vector3::repeat(0.1) },
-    ];
-    surrounded.obstacles = solids.map(|solid| Obstacle { name: "solid".into(), solid }).to_vec();
+    surrounded.obstacles = judge::surroundings(0.3);
     let cases = [
         (103, made_up(), Interface::default()),
         (105, made_up(), Interface::JTC_100_HZ),

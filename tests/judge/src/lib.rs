@@ -15,5 +15,5 @@ mod rollout;
 
 pub use attack::{Attack, Attacker};
 pub use commands::Checker;
-pub use robot::{Robot, Tree, TreeJoint};
+pub use robot::{Robot, Tree, TreeJoint, surroundings};
 pub use rollout::{Rolled, Rollout, roll};

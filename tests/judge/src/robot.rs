@@ -2,10 +2,10 @@
 
 use crate::nearest;
 use messages::JOINTS_MAX;
-use nalgebra::{Rotation3, Unit, Vector3};
+use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use plant::{segment_box, segment_plane};
 use rand::{Rng, RngExt};
-use robot::{Frames, JointLimits, Model, Pose, Solid, segment_distance_oracle};
+use robot::{Frames, JointLimits, Model, Obstacle, Pose, Solid, segment_distance_oracle};
 use std::path::Path;
 
 /// A joint of a tree whose frames are parallel at position zero.
@@ -57,6 +57,15 @@ pub struct Robot {
     kinematics: Kinematics,
     capsules: Vec<Capsule>,
     pairs: Vec<[usize; 2]>,
+}
+
+/// Obstacles around a shipped robot: a floor at this height, and a box before its left arm.
+pub fn surroundings(floor_m: f64) -> Vec<Obstacle> {
+    let solids = [
+        Solid::HalfSpace { normal: Vector3::z(), offset_m: floor_m },
+        Solid::Box { center: Vector3::new(0.6, 0.3, 0.8), r: Matrix3::identity(), half_m: Vector3::repeat(0.1) },
+    ];
+    solids.map(|solid| Obstacle { name: "solid".into(), solid }).to_vec()
 }
 
 impl Robot {
