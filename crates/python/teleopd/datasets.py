@@ -337,6 +337,17 @@ def certify_folder(
     return Report(len(made), len(outcomes) - len(made) - len(failed), sum(outcome.rows for outcome in made), time.monotonic() - begun, failed)
 
 
+def _command(name: str, make: Callable[[], Any]) -> int:
+    """Prints what `make` answers, or its error after the command's name. Returns the exit code: 1 if anything failed."""
+    try:
+        made = make()
+    except (OSError, ValueError, ModuleNotFoundError) as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 1
+    print(made)
+    return 1 if made.failed else 0
+
+
 def main(arguments: list[str] | None = None) -> int:
     """The command `python3 -m teleopd.datasets`."""
     parser = argparse.ArgumentParser(prog="python3 -m teleopd.datasets", description="Makes trajectories that the robot may play of a folder of motions.")
@@ -349,13 +360,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, help="motions at once (default: all cores)")
     parser.add_argument("--overwrite", action="store_true", help="make every file again")
     given = vars(parser.parse_args(arguments))
-    try:
-        report = certify_folder(given.pop("folder"), given.pop("out"), **given, progress=lambda line: print(line, file=sys.stderr))
-    except (OSError, ValueError, ModuleNotFoundError) as error:
-        print(f"teleopd.datasets: {error}", file=sys.stderr)
-        return 1
-    print(report)
-    return 1 if report.failed else 0
+    given["progress"] = lambda line: print(line, file=sys.stderr)
+    return _command("teleopd.datasets", lambda: certify_folder(given.pop("folder"), given.pop("out"), **given))
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import Recording, Robot, read_recording
-from .datasets import _pyarrow
+from .datasets import _command, _pyarrow
 
 #: Version of the layout.
 VERSION = "v3.0"
@@ -282,13 +282,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--fps", type=int, default=30, help="frames per second")
     parser.add_argument("--task", default="follow the person", help="the text that goes with every frame")
     given = vars(parser.parse_args(arguments))
-    try:
-        exported = export(given.pop("recordings"), given.pop("out"), **given)
-    except (OSError, ValueError, ModuleNotFoundError) as error:
-        print(f"teleopd.lerobot: {error}", file=sys.stderr)
-        return 1
-    print(exported)
-    return 1 if exported.failed else 0
+    return _command("teleopd.lerobot", lambda: export(given.pop("recordings"), given.pop("out"), **given))
 
 
 if __name__ == "__main__":
