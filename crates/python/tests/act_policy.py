@@ -6,8 +6,6 @@ Twenty demonstrations are the motion at twenty speeds, in virtual time. ACT sees
     python3 act_policy.py FOLDER REPLAY [SECONDS OF TRAINING]
 """
 
-import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -21,6 +19,7 @@ from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.act.modeling_act import ACTPolicy
 
 import teleopd
+from rig import INTERRUPTED, Rig, end
 from teleopd import client, lerobot
 
 folder, replay = Path(sys.argv[1]), Path(sys.argv[2])
@@ -93,45 +92,29 @@ def chunk(joints):
 
 
 # It leads the simulated robot.
-run_dir, recording = folder / "run", folder / "policy.mcap"
-programs = replay.parent
-up = subprocess.Popen([programs / "teleopd", "up", "--run-dir", run_dir, "--engage-without-realtime", "--record", recording])
+recording = folder / "policy.mcap"
 engage, thought_ms, modes, reasons = None, [], [], set()
-try:
-    deadline = time.monotonic() + 60.0
-    while True:
-        try:
-            leader = client.Policy(run_dir, [robot.joint_names[j] for j in arms])
-            leader.observe()
-            break
-        except (client.TeleopdError, OSError):
-            assert time.monotonic() < deadline, "the daemon does not start"
-            time.sleep(0.5)
-    with leader:
-        standing, begun, shown = None, time.monotonic(), None
-        while time.monotonic() - begun < LEAD_S:
-            joints = leader.observe()
-            started = time.monotonic()
-            rows = chunk(joints)
-            thought_ms.append(1e3 * (time.monotonic() - started))
-            if shown is not None:
-                # The chunk before began some rows ago. Its share falls over the first rows.
-                gone = round((joints.header.stamp - shown[0]) * 1e-9 * FPS)
-                for i in range(min(BLENDED, ROWS - gone)):
-                    rows[i] += (1.0 - i / BLENDED) * (shown[1][gone + i] - rows[i])
-            shown = (joints.header.stamp, rows)
-            leader.publish(rows.tolist(), rate_hz=FPS, start_ns=joints.header.stamp)
-            engage = engage or subprocess.Popen([programs / "teleopctl", "engage", "--run-dir", run_dir])
-            modes.append(client.MODES[joints.mode])
-            if leader.dropped():
-                reasons.add(leader.dropped())
-            time.sleep(EVERY / FPS)
-finally:
-    for process in filter(None, (engage, up)):
-        process.send_signal(signal.SIGINT)
-    codes = [process.wait(30) for process in filter(None, (engage, up))]
-# The daemon ends as Ctrl-C ends a program.
-assert codes == [0, 130], codes
+with Rig(folder, replay.parent, "--record", recording) as rig, client.Policy(rig.run_dir, [robot.joint_names[j] for j in arms]) as leader:
+    begun, last = time.monotonic(), None
+    while time.monotonic() - begun < LEAD_S:
+        joints = leader.observe()
+        started = time.monotonic()
+        rows = chunk(joints)
+        thought_ms.append(1e3 * (time.monotonic() - started))
+        if last is not None:
+            # The chunk before began some rows ago. Its share falls over the first rows.
+            gone = round((joints.header.stamp - last[0]) * 1e-9 * FPS)
+            for i in range(min(BLENDED, ROWS - gone)):
+                rows[i] += (1.0 - i / BLENDED) * (last[1][gone + i] - rows[i])
+        last = (joints.header.stamp, rows)
+        leader.publish(rows.tolist(), rate_hz=FPS, start_ns=joints.header.stamp)
+        engage = engage or rig.start("teleopctl", "engage")
+        modes.append(client.MODES[joints.mode])
+        if leader.dropped():
+            reasons.add(leader.dropped())
+        time.sleep(EVERY / FPS)
+    codes = end(engage, rig.up)
+assert codes == [0, INTERRUPTED], codes
 share = modes.count("Engaged") / len(modes)
 print(f"led for {LEAD_S:.0f} s: Engaged in {100 * share:.0f} % of {len(modes)} chunks, one takes {np.median(thought_ms):.1f} ms (p99 "
       f"{np.quantile(thought_ms, 0.99):.1f}), dropped: {', '.join(sorted(reasons)) or 'none'}")
@@ -141,16 +124,15 @@ assert share > 0.5, "the robot did not follow the policy"
 commands = teleopd.read_recording(recording).messages["commands"]
 led = commands["sources"] == 12
 assert set(np.unique(commands["sources"])) <= {0, 12} and led.sum() > 0.5 * LEAD_S * 1500, np.unique(commands["sources"], return_counts=True)
-shutil.rmtree(folder / "policy", ignore_errors=True)
 exported = lerobot.export([recording], folder / "policy", fps=FPS)
 again = LeRobotDataset("local/policy", root=folder / "policy")
 assert len(again) == exported.frames and exported.frames > 0.5 * LEAD_S * FPS
 by_policy = np.array([int(again[i]["source"][2]) for i in range(len(again))]) == 12
 action = np.stack([again[i]["action"].numpy() for i in range(len(again))])[by_policy][:, arms]
-shown = np.stack([item["action"][0].numpy() for item in items])[:, arms]
+demonstrated = np.stack([item["action"][0].numpy() for item in items])[:, arms]
 wished = np.stack([again[i]["policy"].numpy() for i in range(len(again))])[by_policy][:, arms]
 assert np.degrees(np.median(np.abs(wished - action).max(1))) < 10.0, "the recording has not what the policy asked for"
-nearest = np.array([np.abs(shown - row).max(1).min() for row in action])
+nearest = np.array([np.abs(demonstrated - row).max(1).min() for row in action])
 moved = np.ptp(action, axis=0).max()
 print(f"{exported.frames} frames again, {by_policy.sum()} led by the policy; it moved a joint by {np.degrees(moved):.0f} degrees, and stayed within "
       f"{np.degrees(np.median(nearest)):.1f} degrees of a demonstration (median of the worst joint)")
