@@ -51,10 +51,8 @@ struct Job {
     bytes: u64,
 }
 
-/// Row of a trajectory: time, s, and joints, rad or m.
-pub(super) type Row = (f64, [f64; JOINTS_MAX]);
-/// A row, or the number of its frame and what failed.
-pub(super) type RowResult = Result<Row, (usize, &'static str)>;
+/// Row of a trajectory: time, s, and joints, rad or m. Or the number of its frame and what failed.
+pub(super) type RowResult = Result<(f64, [f64; JOINTS_MAX]), (usize, &'static str)>;
 
 pub(super) struct Shared<'a> {
     pub(super) cli: &'a Cli,
