@@ -64,7 +64,7 @@ impl Table {
     }
 }
 
-/// Returns the kind of a source's messages. `None` if it is none of ours.
+/// Returns the kind of a source's messages. `None` for messages of other programs.
 fn kind(source: &Source) -> Option<&'static str> {
     let kinds = [
         (Skeleton::TYPE_NAME, "skeletons"),
@@ -76,7 +76,7 @@ fn kind(source: &Source) -> Option<&'static str> {
     kinds.into_iter().find_map(|(layout, kind)| (source.schema == layout.as_str()).then_some(kind))
 }
 
-/// Appends a message to its kind, and returns true. False if this is no kind of ours.
+/// Appends a message to its kind, and returns true. False for a message of another program.
 fn push(
     tables: &mut BTreeMap<&'static str, Table>,
     rate: Option<u64>,

@@ -40,7 +40,7 @@ impl Axis {
         (self.middle - other.middle).norm() - self.half_m - other.half_m - self.radius_m - other.radius_m
     }
 
-    /// Longest way of an end from `before`, m. No other point of the axis moved farther.
+    /// Longest path of an end since `before`, m. No other point of the axis moved farther.
     fn farthest_m(&self, before: &Self) -> f64 {
         let moved = [0, 1].map(|i| (self.ends[i] - before.ends[i]).norm_squared());
         moved[0].max(moved[1]).sqrt()

@@ -34,7 +34,7 @@ class TeleopdRobotConfig(RobotConfig):
 class TeleopdRobot(Robot):
     """The robot's joints: `NAME.pos`, rad or m. Observations are measured, and actions are asked for.
 
-    What is executed is within limits, certified and checked by the gate, whatever is asked for.
+    Every executed command is within the limits, certified, and checked by the gate.
     """
 
     config_class = TeleopdRobotConfig
