@@ -138,9 +138,8 @@ impl Motion {
     /// # Errors
     /// Says so if the person lies all the time.
     pub fn stands_from(&self) -> Result<usize, &'static str> {
-        let ankles =
-            |frame: &Frame| [Smpl::LeftAnkle, Smpl::RightAnkle].iter().all(|&ankle| frame.sees(ankle as usize));
-        let stands = |frame: &Frame| skeleton::stands(&frame.positions, ankles(frame));
+        let [left, right] = [Smpl::LeftAnkle, Smpl::RightAnkle].map(|ankle| ankle as usize);
+        let stands = |frame: &Frame| skeleton::stands(&frame.positions, frame.sees(left) && frame.sees(right));
         self.frames.iter().position(|frame| stands(frame) == Some(true)).ok_or(
             "in every frame trunk and legs lean by 60 degrees or more, and no robot engages with a person who lies; give a motion \
              with a frame in which they stand or sit, or make postures of it (replay batch)",

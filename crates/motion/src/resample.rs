@@ -105,15 +105,16 @@ pub fn mix(a: &Frame, b: &Frame, t: f32) -> Frame {
         let in_hips = |q: UnitQuaternion<f64>, frame: &Frame| store(q.inverse() * quaternion(frame.rotations[joint]));
         let local = slerp(in_hips(q_a, a), in_hips(q_b, b), t);
         out.rotations[joint] = store(q * quaternion(local));
-        if joint == parent {
+        // A joint whose parent is not seen moves on a line, like the pelvis.
+        if joint == parent || !a.sees(parent) || !b.sees(parent) {
             let (from, to) = (Vector3::from(a.positions[joint]), Vector3::from(b.positions[joint]));
             out.positions[joint] = from.lerp(&to, t).into();
-            continue;
+        } else {
+            let bone = |frame: &Frame| Vector3::from(frame.positions[joint]) - Vector3::from(frame.positions[parent]);
+            let (from, to) = (q_a.inverse() * bone(a).cast::<f64>(), q_b.inverse() * bone(b).cast::<f64>());
+            let bone = q * turn(from, to, f64::from(t));
+            out.positions[joint] = (Vector3::from(out.positions[parent]) + bone.cast::<f32>()).into();
         }
-        let bone = |frame: &Frame| Vector3::from(frame.positions[joint]) - Vector3::from(frame.positions[parent]);
-        let (from, to) = (q_a.inverse() * bone(a).cast::<f64>(), q_b.inverse() * bone(b).cast::<f64>());
-        let bone = q * turn(from, to, f64::from(t));
-        out.positions[joint] = (Vector3::from(out.positions[parent]) + bone.cast::<f32>()).into();
         if !a.sees(joint) || !b.sees(joint) {
             out.positions[joint] = [0.0; 3];
         }

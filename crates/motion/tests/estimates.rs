@@ -59,7 +59,7 @@ fn joint_that_is_not_seen_is_named_and_its_limbs_are_held() {
     let mut motion = positions_only(short());
     let whole = motion::limbs(&motion, &motion::calibrate(&motion, motion::CalibrationMode::None));
     for frame in &mut motion.frames[4..6] {
-        frame.positions[20] = [0.0; 3];
+        (frame.positions[13], frame.positions[20]) = ([0.0; 3], [0.0; 3]);
     }
     let path = folder.path().join("clip.npy");
     write_npy(&path, &[motion.frames.len(), 22, 3], &positions_y_up(&motion), Kind::F64);
@@ -73,7 +73,9 @@ fn joint_that_is_not_seen_is_named_and_its_limbs_are_held() {
     assert!(limbs[6][forearm].iter().zip(whole[6][forearm]).all(|(is, was)| (is - was).abs() < 1e-3));
     for [a, b] in [[3, 4], [5, 6]] {
         let between = motion::mix(&read.frames[a], &read.frames[b], 0.5);
-        assert_eq!(between.positions[20], [0.0; 3], "an unseen joint is not half seen");
+        assert_eq!([between.positions[13], between.positions[20]], [[0.0; 3]; 2], "an unseen joint is not half seen");
+        let moved = [0, 1, 2].map(|axis| (between.positions[16][axis] - read.frames[a].positions[16][axis]).abs());
+        assert!(moved.iter().all(|&m| m < 0.05), "the shoulder jumps behind an unseen collar: {moved:?}");
     }
     // A person who stands behind the origin, and whose feet nobody sees, is no mirror image.
     for frame in &mut motion.frames {
