@@ -34,6 +34,14 @@ fn clip(from: usize, count: usize) -> Motion {
 }
 
 /// Creates a folder with two motions and an output folder.
+/// Writes an array of positions, (N, 22, 3).
+pub fn write_positions(path: &Path, positions: &[[[f32; 3]; 22]]) {
+    let mut file = Vec::new();
+    motion::npy::write_npy_header(&mut file, "<f4", &[positions.len(), 22, 3]).expect("a header");
+    file.extend(positions.as_flattened().as_flattened().iter().flat_map(|x| x.to_le_bytes()));
+    std::fs::write(path, file).expect("written");
+}
+
 fn folders() -> (tempfile::TempDir, PathBuf, PathBuf) {
     let folder = tempfile::tempdir().expect("a folder");
     let (input, out) = (folder.path().join("in"), folder.path().join("out"));
@@ -284,11 +292,8 @@ fn broken_input_is_reported_and_other_files_are_converted() {
     std::fs::write(input.join("a.npz"), "no archive").expect("written");
     std::fs::write(input.join("Mean.npy"), "x").expect("written");
     std::fs::write(input.join("notes.txt"), "x").expect("written");
-    let mut array = Vec::new();
-    motion::npy::write_npy_header(&mut array, "<f4", &[60, 22, 3]).expect("a header");
-    let positions = builtin().frames[..60].iter().flat_map(|frame| frame.positions).flatten().collect::<Vec<f32>>();
-    array.extend(positions.into_iter().flat_map(f32::to_le_bytes));
-    std::fs::write(input.join("no_rate.npy"), array).expect("written");
+    let positions: Vec<_> = builtin().frames[..60].iter().map(|frame| frame.positions).collect();
+    write_positions(&input.join("no_rate.npy"), &positions);
     let summary = go(&input, &out, &["--recursive"]);
     assert_eq!((summary.made, summary.no_motion.len()), (3, 1));
     let doubts = |(path, text): &(PathBuf, String)| path.ends_with("no_rate.npy") && text.contains("20 Hz");
@@ -398,11 +403,7 @@ fn motion_with_too_many_rows_fails_its_own_file() {
     let folder = tempfile::tempdir().expect("a folder");
     // A little more than an hour at 30 Hz, in which nobody moves.
     let frames = 108_100;
-    let body: Vec<u8> = builtin().frames[0].positions.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
-    let mut file = Vec::new();
-    motion::npy::write_npy_header(&mut file, "<f4", &[frames, 22, 3]).expect("a header");
-    file.extend(body.repeat(frames));
-    std::fs::write(folder.path().join("hour.npy"), file).expect("written");
+    write_positions(&folder.path().join("hour.npy"), &vec![builtin().frames[0].positions; frames]);
     let more = ["--up", "z", "--frame-rate", "30", "--rate", "15000"];
     let summary = go(folder.path(), &folder.path().join("out"), &more);
     let [(_, failure)] = summary.failed.as_slice() else { panic!("{summary:?}") };

@@ -1,6 +1,6 @@
 //! Answers of the program to bad input: place, value, bound and a way out.
 
-use crate::batch::root;
+use crate::batch::{root, write_positions};
 use std::process::Command;
 
 /// Arguments; exit code; what the message must name, last the way out. Words that begin with `@` are files of the folder.
@@ -86,13 +86,9 @@ fn every_refusal_names_place_value_bound_and_what_to_do() {
         std::fs::create_dir(folder.path().join(name)).expect("made");
     }
     std::fs::write(folder.path().join("arrays/a.npy"), "").expect("written");
-    let mut npy = Vec::new();
-    let frames = &motion::builtin().frames[..60];
-    motion::npy::write_npy_header(&mut npy, "<f4", &[60, 22, 3]).expect("written");
-    npy.extend(
-        frames.iter().flat_map(|frame| frame.positions).flat_map(|[x, y, z]| [y, z, x]).flat_map(f32::to_le_bytes),
-    );
-    std::fs::write(folder.path().join("y_up.npy"), npy).expect("written");
+    let y_up = |frame: &motion::Frame| frame.positions.map(|[x, y, z]| [y, z, x]);
+    let positions: Vec<_> = motion::builtin().frames[..60].iter().map(y_up).collect();
+    write_positions(&folder.path().join("y_up.npy"), &positions);
     let mut wrong = Vec::new();
     for (arguments, code, parts) in ROWS {
         let argument = |word: &str| word.strip_prefix('@').map_or(word.into(), |name| folder.path().join(name));
