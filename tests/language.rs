@@ -40,7 +40,7 @@ const SENTENCE_WORDS_MAX: usize = 30;
 
 /// Budget of lines for each part of the tree: the count of 2026-11-29, less what was removed since. Raising one is a
 /// decision.
-const BUDGETS: [(&str, usize); 3] = [("product", 76_033), ("tools", 28_430), ("tests", 47_537)];
+const BUDGETS: [(&str, usize); 3] = [("product", 76_033), ("tools", 28_430), ("tests", 47_536)];
 
 fn rust() -> Vec<(String, String)> {
     let mut all = sources::rust_files();
