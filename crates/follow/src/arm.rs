@@ -119,7 +119,7 @@ impl Arm {
 
     /// Place of the middle of the hand with the wrist at home, torso frame, from the origin of the first joint, m: the sum of the
     /// links, each turned by the joints before it.
-    pub fn hand(&self, q: &ArmVector) -> Vector3<f64> {
+    pub fn hand_center(&self, q: &ArmVector) -> Vector3<f64> {
         let (mut so_far, mut at) = (Quaternion::identity(), Vector3::zeros());
         for j in 0..LIMB_JOINTS {
             so_far *= self.turn(j, q);

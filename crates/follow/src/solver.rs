@@ -286,7 +286,7 @@ fn cost(arm: &Arm, weights: &Weights, problem: &Problem, i: usize, state: &State
     let [upper, fore] = arm.angles(&state.q, &problem.person[i]);
     let mut sum = problem.weight[i] * (loss(upper * upper, weights.knee) + loss(fore * fore, weights.knee));
     if let Some((place, weight)) = problem.places[i] {
-        let off_m = arm.hand(&state.q) - place;
+        let off_m = arm.hand_center(&state.q) - place;
         sum += problem.weight[i] * weights.hand * weight * loss(off_m.norm_squared(), HAND_KNEE_M);
     }
     let bounds = &problem.bounds;

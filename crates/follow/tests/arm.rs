@@ -106,19 +106,19 @@ fn hand_is_that_of_the_robot_and_its_derivative_matches_central_differences() {
         let (mut all, mut frames) = (model.home, Frames::default());
         model.arms[0].set_limbs(&(*q).into(), &mut all);
         model.forward(&all, &mut frames);
-        model.hand(&frames, 0)
+        model.hand_center(&frames, 0)
     };
     for _ in 0..500 {
         let (q, other) = (random_q(&mut rng), random_q(&mut rng));
-        let moved_m = arm.hand(&q) - arm.hand(&other);
+        let moved_m = arm.hand_center(&q) - arm.hand_center(&other);
         assert!((moved_m - (place(&q) - place(&other))).norm() < 1e-9, "{moved_m}");
         let (hand, jacobian) = arm.hand_jacobian(&q);
-        assert_eq!(hand, arm.hand(&q));
+        assert_eq!(hand, arm.hand_center(&q));
         for (j, by_joint) in jacobian.iter().enumerate() {
             let [after, before] = [STEP, -STEP].map(|by| {
                 let mut q = q;
                 q[j] += by;
-                arm.hand(&q)
+                arm.hand_center(&q)
             });
             assert!((by_joint - (after - before) / (2.0 * STEP)).norm() < 1e-8, "joint {j}");
         }

@@ -234,14 +234,14 @@ fn aim_restarts_at_command_that_stands_still() {
 fn both_hands_that_touch_go_to_their_places() {
     let model = model();
     let limbs = [0, 1].map(|side| Arm::from_model(&model, side).limbs(&ArmVector::from(FREE)));
-    let place = Arm::from_model(&model, 0).hand(&ArmVector::from(FREE.map(|q| q + 0.1))).cast::<f32>();
+    let place = Arm::from_model(&model, 0).hand_center(&ArmVector::from(FREE.map(|q| q + 0.1))).cast::<f32>();
     let off_m = |weight: f32| {
         let mut robot = Robot::at(&FREE, Weights::default());
         robot.places = [[place.x, place.y, place.z, weight], [place.x, -place.y, place.z, weight]];
         (0..TICK_HZ).for_each(|_| {
             robot.step(|_| limbs);
         });
-        [0, 1].map(|side| (Arm::from_model(&model, side).hand(&robot.arm(side)) - place.cast()).norm())
+        [0, 1].map(|side| (Arm::from_model(&model, side).hand_center(&robot.arm(side)) - place.cast()).norm())
     };
     let (without_m, with_m) = (off_m(0.0), off_m(1.0));
     assert!(

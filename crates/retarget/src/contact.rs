@@ -309,7 +309,7 @@ impl Correction {
             let from = minimum(arm, &limbs, (&start, &start), None);
             kept.posture = Some(from);
             let chain = self.robot.bent(&turned[side]?.1);
-            let own = chain.hand(arm, &from);
+            let own = chain.hand_center(arm, &from);
             let to = own + (on_side(side, target.at) - own) * (target.share * self.weight);
             let pull = Pull { chain: &chain, to, weight: WEIGHT };
             let start = kept.touching.map_or(from, |(q, _)| q);

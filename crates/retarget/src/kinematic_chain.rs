@@ -14,7 +14,7 @@ pub struct KinematicChain {
 
 impl KinematicChain {
     /// The middle of the hand at `q`, from the middle between the shoulders, m.
-    pub fn hand(&self, arm: &ArmModel, q: &ArmQ) -> Vector3<f64> {
+    pub fn hand_center(&self, arm: &ArmModel, q: &ArmQ) -> Vector3<f64> {
         self.linearize(arm, q).0
     }
 

@@ -81,7 +81,7 @@ impl LimbTrajectory {
                     self.measured = self.measured.min(i as u32);
                 }
                 if i < HAND_NODES {
-                    let hand = shown.and_then(|shown| hand(arm, &shown, blends[arm]));
+                    let hand = shown.and_then(|shown| hand_rotation(arm, &shown, blends[arm]));
                     self.hands[i][arm] = hand.map_or([0.0; 4], |hand| single(&hand));
                 }
             }
@@ -90,7 +90,7 @@ impl LimbTrajectory {
 }
 
 /// Returns the hand rotation of the arm in this sample, at its present blend weight.
-fn hand(arm: usize, sample: &Sample, blend: &Blend) -> Option<UnitQuaternion<f64>> {
+fn hand_rotation(arm: usize, sample: &Sample, blend: &Blend) -> Option<UnitQuaternion<f64>> {
     let fore = on_side(arm, &sample.limbs.fore);
     let bend = blend.share(sample.hand.map(|hand| fore.inverse() * on_side(arm, &hand)))?;
     Some(fore * bend)
@@ -102,7 +102,7 @@ fn place((model, chain): (&ArmModel, &KinematicChain), arm: usize, shown: &Sampl
     let (q, share) = shown.touching?;
     let [upper, fore] = [chain.joints[3] - chain.joints[1], chain.hand - chain.joints[3]];
     let moved = limbs.upper * upper + limbs.fore * fore - shown.limbs.upper * upper - shown.limbs.fore * fore;
-    let at = surface::on_side(arm, chain.hand(model, &q) - chain.joints[0] + moved).cast::<f32>();
+    let at = surface::on_side(arm, chain.hand_center(model, &q) - chain.joints[0] + moved).cast::<f32>();
     Some([at.x, at.y, at.z, (share * share) as f32])
 }
 

@@ -90,7 +90,7 @@ impl Objective<'_> {
     fn evaluate(&self, q: ArmQ) -> Refined {
         let s_gr = self.arm.s_gr(&q, self.human);
         let pulled =
-            self.pull.map_or(0.0, |pull| pull.weight * (pull.chain.hand(self.arm, &q) - pull.to).norm_squared());
+            self.pull.map_or(0.0, |pull| pull.weight * (pull.chain.hand_center(self.arm, &q) - pull.to).norm_squared());
         let objective = s_gr + self.prior_weight * distance(&q, self.prior) + pulled;
         Refined { q, s_gr, objective, accepted: 0 }
     }

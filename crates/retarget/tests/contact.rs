@@ -326,7 +326,7 @@ fn trajectory_has_places_of_touching_hands() {
         let geometry = PersonGeometry::measure(&skeleton.positions, &limbs).expect("a person");
         correction.apply(&arm, &geometry, (&limbs, &[None; 2]), 1.0 / 60.0, &mut memory);
         let (q, share) = memory.postures()[0].expect("a hand that touches");
-        places.push((t_s, chain.hand(&arm, &q) - chain.joints[0], share));
+        places.push((t_s, chain.hand_center(&arm, &q) - chain.joints[0], share));
     }
     let (mut seen, mut partial, mut ahead_m, mut still_m) = (0, 0, Vec::new(), Vec::new());
     for (now, target) in &crate::limb_trajectory::run(&config, &skeletons, 2.4)[1500..] {
@@ -415,8 +415,8 @@ fn chain_ends_where_the_robots_kinematics_have_the_hand() {
             model.forward(&q, &mut frames);
             let body = |joint: usize| frames.base_from_body[model.arms[0].range().start + joint + 1];
             let torso = frames.base_from_body[model.torso_body].r.transpose();
-            let seen = torso * (model.hand(&frames, 0) - body(0).t);
-            let chain = robot.chain.hand(&arm, &left) - robot.chain.joints[0];
+            let seen = torso * (model.hand_center(&frames, 0) - body(0).t);
+            let chain = robot.chain.hand_center(&arm, &left) - robot.chain.joints[0];
             assert!((seen - chain).norm() < 1e-6, "{name}: {seen} {chain}");
         }
     }

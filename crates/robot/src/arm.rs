@@ -213,14 +213,14 @@ impl Model {
 
     /// The middle of the left (0) or right (1) hand, base frame, m: where it grasps, which is the centre of its payload. The
     /// origin of the last joint if the robot's file names none.
-    pub fn hand(&self, frames: &Frames, side: usize) -> Vector3<f64> {
+    pub fn hand_center(&self, frames: &Frames, side: usize) -> Vector3<f64> {
         let center = self.payload[side].map_or_else(Vector3::zeros, |payload| payload.center);
         frames.base_from_body[self.arms[side].hand_body()].transform_point(&center)
     }
 
     /// Origins of the left arm's limb slots and the middle of its hand, base frame, m. An empty slot has that of the next joint.
     pub fn limb_places(&self, frames: &Frames) -> [Vector3<f64>; LIMB_JOINTS + 1] {
-        let mut places = [self.hand(frames, 0); LIMB_JOINTS + 1];
+        let mut places = [self.hand_center(frames, 0); LIMB_JOINTS + 1];
         for slot in (0..LIMB_JOINTS).rev() {
             let joint = self.arms[0].slots[slot];
             places[slot] = joint.map_or(places[slot + 1], |joint| frames.base_from_body[joint + 1].t);

@@ -96,7 +96,7 @@ fn other_robots_hands_grasp_at_mirrored_places_between_their_capsules() {
         let frames = at_home(&model);
         let places = [0, 1].map(|side| {
             let body = model.arms[side].hand_body();
-            let at = model.hand(&frames, side);
+            let at = model.hand_center(&frames, side);
             let hand = model.capsules.iter().filter(|capsule| capsule.body == body);
             let ends = hand.flat_map(|capsule| capsule.ends(&frames).map(|end| (end - at).norm()));
             let away_m = ends.fold(f64::INFINITY, f64::min);

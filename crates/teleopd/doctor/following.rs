@@ -180,7 +180,7 @@ fn wrists_apart_m(motion: &Motion, frame: usize) -> f64 {
 fn hands_apart_m(model: &Model, q: &[f64; JOINTS_MAX]) -> f64 {
     let mut frames = Frames::default();
     model.forward(q, &mut frames);
-    (model.hand(&frames, 0) - model.hand(&frames, 1)).dot(&model.base_from_torso(&frames).column(1))
+    (model.hand_center(&frames, 0) - model.hand_center(&frames, 1)).dot(&model.base_from_torso(&frames).column(1))
 }
 
 /// Returns the least clearance of a posture, m, and the names of what is so near.

@@ -61,7 +61,7 @@ impl Person {
     /// Returns the person whose limbs bring the robot's hands to where this person's touch, and the places of these hands.
     pub fn touching(&self, arm: &ArmModel, correction: &Correction) -> (Self, Hands) {
         let (mut out, mut memory, mut before) = (self.clone(), Memory::default(), None);
-        let place = |(q, share)| (correction.robot.chain.hand(arm, &q), share);
+        let place = |(q, share)| (correction.robot.chain.hand_center(arm, &q), share);
         let skeletons = out.limbs.iter_mut().zip(&self.positions).zip(&self.origins);
         let hands = skeletons.map(|((limbs, positions), origin)| {
             let seen = limbs.map(Some);
