@@ -78,44 +78,49 @@ fn calibrate(rig: &Rig, name: &str, folder: &std::path::Path) -> Command {
 
 #[test]
 fn calibrated_operator_is_recognised_in_the_next_session() {
-    // Also where the robot is the person's mirror image: the file names the person's own sides.
-    let mut rig = Rig::with_settings("ingest.mirror = true");
-    rig.start_all();
-    let operator = rig.operator_session();
-    let place = rig.folder().join("operators");
-    // It waits for somebody, and says so.
-    let mut measured = calibrate(&rig, "anna", &place).stdout(Stdio::piped()).spawn().expect("teleopctl runs");
-    let (mut output, mut printed) = (BufReader::new(measured.stdout.take().expect("a pipe")), String::new());
-    while !printed.contains("no skeletons arrive") {
-        assert!(output.read_line(&mut printed).expect("its words") > 0, "it ended: {printed}");
-    }
-    assert!(printed.contains("replay builtin:calibration"), "{printed}");
-    let first = client(&rig, 1);
-    output.read_to_string(&mut printed).expect("its words");
-    assert!(measured.wait().expect("it ends").success(), "{printed}");
-    assert!(printed.contains("upper arms        0.290 m left, 0.300 m right"), "{printed}");
-    assert!(printed.contains("forearms          0.240 m left, 0.250 m right"), "{printed}");
-    assert!(printed.contains("move both arms up and down") && printed.contains("axes from"), "{printed}");
-    assert!(printed.contains("anna is measured. Now end the client, wait a second, and start it again"), "{printed}");
-    let text = std::fs::read_to_string(place.join("anna.toml")).expect("the file");
-    assert!(text.contains("operator_id = 5") && text.contains("layout = 1") && text.contains("[hinges]"), "{text}");
-    // The current session continues unchanged. The next one begins with the stored measurement.
-    operator.wait("estimated online", |status| status.calibration == CalibrationSource::Online as u32);
-    drop(first);
-    // The lease ends a second after its client.
-    operator.wait_control(Duration::from_millis(1500));
-    let _second = client(&rig, 2);
-    operator.wait("calibrated from the file", |status| status.calibration == CalibrationSource::Stored as u32);
-    let refused = |name: &str| {
-        let refused = calibrate(&rig, name, &place).output().expect("teleopctl runs");
-        assert!(!refused.status.success(), "{refused:?}");
-        harness::stderr(&refused)
-    };
-    // The next start would reject the same person under another name.
-    let why = refused("bert");
-    assert!(why.contains("operator_id 5 with layout 1 belongs to anna.toml already"), "{why}");
-    operator.engage_until(Mode::Engaging);
-    let why = refused("anna");
-    assert!(why.contains("only a disengaged robot can be calibrated to"), "{why}");
-    assert!(!place.join("bert.toml").exists() && place.join("anna.toml").exists());
+    harness::in_real_time(|| {
+        // Also where the robot is the person's mirror image: the file names the person's own sides.
+        let mut rig = Rig::with_settings("ingest.mirror = true");
+        rig.start_all();
+        let operator = rig.operator_session();
+        let place = rig.folder().join("operators");
+        // It waits for somebody, and says so.
+        let mut measured = calibrate(&rig, "anna", &place).stdout(Stdio::piped()).spawn().expect("teleopctl runs");
+        let (mut output, mut printed) = (BufReader::new(measured.stdout.take().expect("a pipe")), String::new());
+        while !printed.contains("no skeletons arrive") {
+            assert!(output.read_line(&mut printed).expect("its words") > 0, "it ended: {printed}");
+        }
+        assert!(printed.contains("replay builtin:calibration"), "{printed}");
+        let first = client(&rig, 1);
+        output.read_to_string(&mut printed).expect("its words");
+        assert!(measured.wait().expect("it ends").success(), "{printed}");
+        assert!(printed.contains("upper arms        0.290 m left, 0.300 m right"), "{printed}");
+        assert!(printed.contains("forearms          0.240 m left, 0.250 m right"), "{printed}");
+        assert!(printed.contains("move both arms up and down") && printed.contains("axes from"), "{printed}");
+        assert!(
+            printed.contains("anna is measured. Now end the client, wait a second, and start it again"),
+            "{printed}"
+        );
+        let text = std::fs::read_to_string(place.join("anna.toml")).expect("the file");
+        assert!(text.contains("operator_id = 5") && text.contains("layout = 1") && text.contains("[hinges]"), "{text}");
+        // The current session continues unchanged. The next one begins with the stored measurement.
+        operator.wait("estimated online", |status| status.calibration == CalibrationSource::Online as u32);
+        drop(first);
+        // The lease ends a second after its client.
+        operator.wait_control(Duration::from_millis(1500));
+        let _second = client(&rig, 2);
+        operator.wait("calibrated from the file", |status| status.calibration == CalibrationSource::Stored as u32);
+        let refused = |name: &str| {
+            let refused = calibrate(&rig, name, &place).output().expect("teleopctl runs");
+            assert!(!refused.status.success(), "{refused:?}");
+            harness::stderr(&refused)
+        };
+        // The next start would reject the same person under another name.
+        let why = refused("bert");
+        assert!(why.contains("operator_id 5 with layout 1 belongs to anna.toml already"), "{why}");
+        operator.engage_until(Mode::Engaging);
+        let why = refused("anna");
+        assert!(why.contains("only a disengaged robot can be calibrated to"), "{why}");
+        assert!(!place.join("bert.toml").exists() && place.join("anna.toml").exists());
+    });
 }

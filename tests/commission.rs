@@ -88,20 +88,22 @@ fn refused_step_ends_the_run_and_is_named_in_the_log() {
 #[test]
 #[ignore = "it takes more than two minutes: cargo test --release --test system commission -- --ignored"]
 fn simulated_robot_passes_every_step() {
-    let rig = Rig::empty();
-    let (mut command, log) = commission(&rig, "log");
-    let mut child = command.spawn().expect("it starts");
-    let lines = answer(&mut child);
-    let Output { status, stderr, .. } = child.wait_with_output().expect("it ends");
-    let text = std::fs::read_to_string(log).expect("a log");
-    assert!(status.success(), "{}{text}", String::from_utf8_lossy(&stderr));
-    assert_eq!(lines.iter().filter(|line| line.starts_with("passed: step")).count(), STEPS);
-    let joints = rig.place.load().expect("settings").model.count;
-    assert_eq!(lines.iter().filter(|line| line.contains("You should have seen this")).count(), joints);
-    assert_eq!(lines.iter().filter(|line| line.trim_start().starts_with("kill -9 of")).count(), 2 * 4);
-    for line in lines.iter().filter(|line| !line.is_empty()) {
-        assert!(text.contains(line.as_str()), "the log lacks a line: {line}");
-    }
-    let measured = lines.iter().filter(|line| line.contains("from command to measurement")).count();
-    assert!(measured == 2 && text.contains("measured_age_max_ms = "), "{text}");
+    harness::in_real_time(|| {
+        let rig = Rig::empty();
+        let (mut command, log) = commission(&rig, "log");
+        let mut child = command.spawn().expect("it starts");
+        let lines = answer(&mut child);
+        let Output { status, stderr, .. } = child.wait_with_output().expect("it ends");
+        let text = std::fs::read_to_string(log).expect("a log");
+        assert!(status.success(), "{}{text}", String::from_utf8_lossy(&stderr));
+        assert_eq!(lines.iter().filter(|line| line.starts_with("passed: step")).count(), STEPS);
+        let joints = rig.place.load().expect("settings").model.count;
+        assert_eq!(lines.iter().filter(|line| line.contains("You should have seen this")).count(), joints);
+        assert_eq!(lines.iter().filter(|line| line.trim_start().starts_with("kill -9 of")).count(), 2 * 4);
+        for line in lines.iter().filter(|line| !line.is_empty()) {
+            assert!(text.contains(line.as_str()), "the log lacks a line: {line}");
+        }
+        let measured = lines.iter().filter(|line| line.contains("from command to measurement")).count();
+        assert!(measured == 2 && text.contains("measured_age_max_ms = "), "{text}");
+    });
 }

@@ -164,50 +164,52 @@ fn message(sent_ms: f64, pinch_m: f32) -> Vec<u8> {
 /// Without a browser: messages that stop end the press, although the page answers and repeats it.
 #[test]
 fn f132_press_ends_with_the_messages_of_the_headset() {
-    let mut rig = Rig::whole();
-    let viewer = Viewer::start(&rig);
-    let (operator, mut page, begun) = (rig.operator_session(), viewer.page(), Instant::now());
-    page.message("scene");
-    page.send(&serde_json::json!({ "do": "headset", "on": true }));
-    let give_up = Instant::now() + 3 * SOON;
-    let mut open_until = Instant::now() + Duration::from_secs(2);
-    while operator.mode() != Some(Mode::Engaged) {
-        let pinch_m = if Instant::now() < open_until { 0.08 } else { 0.01 };
-        page.socket
-            .send(tungstenite::Message::binary(message(begun.elapsed().as_secs_f64() * 1e3, pinch_m)))
-            .expect("sent");
-        let turn = Instant::now();
-        while turn.elapsed() < Duration::from_millis(14) {
-            if let Received::Message(message) = page.read() {
-                // The enable was refused, or a pause of this machine ended the person: open the hand again.
-                if message["tell"] == "hand" && message["held"] == false {
-                    open_until = Instant::now() + Duration::from_secs(1);
-                }
-                if message["tell"] == "headset" && message["on"] == false {
-                    page.send(&serde_json::json!({ "do": "headset", "on": true }));
-                    open_until = Instant::now() + Duration::from_secs(2);
+    in_real_time(|| {
+        let mut rig = Rig::whole();
+        let viewer = Viewer::start(&rig);
+        let (operator, mut page, begun) = (rig.operator_session(), viewer.page(), Instant::now());
+        page.message("scene");
+        page.send(&serde_json::json!({ "do": "headset", "on": true }));
+        let give_up = Instant::now() + 3 * SOON;
+        let mut open_until = Instant::now() + Duration::from_secs(2);
+        while operator.mode() != Some(Mode::Engaged) {
+            let pinch_m = if Instant::now() < open_until { 0.08 } else { 0.01 };
+            page.socket
+                .send(tungstenite::Message::binary(message(begun.elapsed().as_secs_f64() * 1e3, pinch_m)))
+                .expect("sent");
+            let turn = Instant::now();
+            while turn.elapsed() < Duration::from_millis(14) {
+                if let Received::Message(message) = page.read() {
+                    // The enable was refused, or a pause of this machine ended the person: open the hand again.
+                    if message["tell"] == "hand" && message["held"] == false {
+                        open_until = Instant::now() + Duration::from_secs(1);
+                    }
+                    if message["tell"] == "headset" && message["on"] == false {
+                        page.send(&serde_json::json!({ "do": "headset", "on": true }));
+                        open_until = Instant::now() + Duration::from_secs(2);
+                    }
                 }
             }
+            assert!(Instant::now() < give_up, "never engaged");
         }
-        assert!(Instant::now() < give_up, "never engaged");
-    }
-    // No message comes any more. The page repeats the press, which does not count.
-    harness::wait_until("released", || {
-        page.request("keep");
-        page.frame();
-        operator.mode() == Some(Mode::Disengaged)
+        // No message comes any more. The page repeats the press, which does not count.
+        harness::wait_until("released", || {
+            page.request("keep");
+            page.frame();
+            operator.mode() == Some(Mode::Disengaged)
+        });
+        // Messages of a closed hand engage nothing, neither before nor after another start.
+        page.send(&serde_json::json!({ "do": "headset", "on": true }));
+        let again = Instant::now();
+        while again.elapsed() < Duration::from_secs(1) {
+            page.socket
+                .send(tungstenite::Message::binary(message(begun.elapsed().as_secs_f64() * 1e3, 0.01)))
+                .expect("sent");
+            page.frame();
+        }
+        assert_eq!(operator.mode(), Some(Mode::Disengaged));
+        drop(page);
+        drop(viewer);
+        rig.end_without_violations();
     });
-    // Messages of a closed hand engage nothing, neither before nor after another start.
-    page.send(&serde_json::json!({ "do": "headset", "on": true }));
-    let again = Instant::now();
-    while again.elapsed() < Duration::from_secs(1) {
-        page.socket
-            .send(tungstenite::Message::binary(message(begun.elapsed().as_secs_f64() * 1e3, 0.01)))
-            .expect("sent");
-        page.frame();
-    }
-    assert_eq!(operator.mode(), Some(Mode::Disengaged));
-    drop(page);
-    drop(viewer);
-    rig.end_without_violations();
 }

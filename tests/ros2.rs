@@ -166,23 +166,26 @@ fn took_all(report: &Value) -> bool {
 #[test]
 #[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn f114_robot_on_ros2_plays_the_certified_stop_when_its_driver_is_killed() {
-    let Some(peer) = Peer::start(DOMAINS[1], &[]) else { return };
-    let mut rig = rig(DOMAINS[1]);
-    rig.start_all();
-    let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
-    let client = rig.client(&motion::builtin(), 1);
-    operator.engage_until(Mode::Engaged);
-    client.set_engaged(true);
-    observer.wait("fast", |robot| robot.v.iter().any(|v| v.abs() > 0.5));
-    rig.kill("driver");
-    let killed_s = rt::now().0 as f64 * 1e-9;
-    outlive_stop();
-    let (_, trace) = peer.end();
-    let moves = |pair: &[Vec<f64>]| (2..pair[0].len()).any(|column| (pair[1][column] - pair[0][column]).abs() > 1e-6);
-    let moved: Vec<f64> = trace.windows(2).filter(|pair| moves(pair)).map(|pair| pair[1][0]).collect();
-    let last_s = moved.last().expect("it moved") - killed_s;
-    println!("the peer's robot was at rest {:.0} ms after kill -9 of its driver", last_s * 1e3);
-    assert!(last_s > -0.1 && last_s < REST_WITHIN_S, "at rest {last_s} s after the driver's end");
+    harness::in_real_time(|| {
+        let Some(peer) = Peer::start(DOMAINS[1], &[]) else { return };
+        let mut rig = rig(DOMAINS[1]);
+        rig.start_all();
+        let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
+        let client = rig.client(&motion::builtin(), 1);
+        operator.engage_until(Mode::Engaged);
+        client.set_engaged(true);
+        observer.wait("fast", |robot| robot.v.iter().any(|v| v.abs() > 0.5));
+        rig.kill("driver");
+        let killed_s = rt::now().0 as f64 * 1e-9;
+        outlive_stop();
+        let (_, trace) = peer.end();
+        let moves =
+            |pair: &[Vec<f64>]| (2..pair[0].len()).any(|column| (pair[1][column] - pair[0][column]).abs() > 1e-6);
+        let moved: Vec<f64> = trace.windows(2).filter(|pair| moves(pair)).map(|pair| pair[1][0]).collect();
+        let last_s = moved.last().expect("it moved") - killed_s;
+        println!("the peer's robot was at rest {:.0} ms after kill -9 of its driver", last_s * 1e3);
+        assert!(last_s > -0.1 && last_s < REST_WITHIN_S, "at rest {last_s} s after the driver's end");
+    });
 }
 
 #[test]
@@ -217,16 +220,18 @@ fn f115_robot_on_ros2_that_is_not_ready_is_refused_with_a_sentence() {
 #[test]
 #[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn f114_nothing_is_sent_once_the_publisher_of_the_emergency_stop_left() {
-    let Some(mut peer) = Peer::start(DOMAINS[6], &[]) else { return };
-    let mut rig = rig(DOMAINS[6]);
-    rig.start_all();
-    // Longer than the time between two of its messages.
-    let left = "its publisher left";
-    let silent = holds_for(Duration::from_millis(1500), || !rig.log(DRIVER).contains(left));
-    assert!(silent, "{}", rig.log(DRIVER));
-    peer.fault("unwatched");
-    // Twice the lease of a participant of Cyclone DDS.
-    assert!(soon(|| rig.log(DRIVER).contains(left)), "it goes on: {}", rig.log(DRIVER));
+    harness::in_real_time(|| {
+        let Some(mut peer) = Peer::start(DOMAINS[6], &[]) else { return };
+        let mut rig = rig(DOMAINS[6]);
+        rig.start_all();
+        // Longer than the time between two of its messages.
+        let left = "its publisher left";
+        let silent = holds_for(Duration::from_millis(1500), || !rig.log(DRIVER).contains(left));
+        assert!(silent, "{}", rig.log(DRIVER));
+        peer.fault("unwatched");
+        // Twice the lease of a participant of Cyclone DDS.
+        assert!(soon(|| rig.log(DRIVER).contains(left)), "it goes on: {}", rig.log(DRIVER));
+    });
 }
 
 /// Lets the robot follow the built-in motion for so long, and engages it again after each stop. Returns the number of stops,
@@ -345,24 +350,26 @@ fn robot_on_fast_dds_may_be_driven() {
 #[test]
 #[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn robot_on_fast_dds_gets_trajectories_that_continue_and_end_at_rest() {
-    for reliability in ["best-effort", "reliable"] {
-        let Some(peer) = FastPeer::start(DOMAINS[5], reliability) else { return };
-        let mut rig = rig(DOMAINS[5]);
-        let (operator, mut observer, _client) = rig.follow_builtin(0.2);
-        operator.release();
-        operator.wait_mode(Mode::Disengaged);
-        observer.wait_at_rest();
-        rig.end("driver");
-        let report = peer.end();
-        println!("{reliability}: {report}");
-        for one in report.as_object().expect("controllers").values() {
-            assert!(one["messages"].as_u64() > Some(100), "{report}");
-            for promise in ["increasing", "rests", "complete"] {
-                assert_eq!(one[promise], true, "{promise}: {report}");
+    harness::in_real_time(|| {
+        for reliability in ["best-effort", "reliable"] {
+            let Some(peer) = FastPeer::start(DOMAINS[5], reliability) else { return };
+            let mut rig = rig(DOMAINS[5]);
+            let (operator, mut observer, _client) = rig.follow_builtin(0.2);
+            operator.release();
+            operator.wait_mode(Mode::Disengaged);
+            observer.wait_at_rest();
+            rig.end("driver");
+            let report = peer.end();
+            println!("{reliability}: {report}");
+            for one in report.as_object().expect("controllers").values() {
+                assert!(one["messages"].as_u64() > Some(100), "{report}");
+                for promise in ["increasing", "rests", "complete"] {
+                    assert_eq!(one[promise], true, "{promise}: {report}");
+                }
+                // The fastest joint makes 2.35 rad/s: 24 mrad in one update of 10 ms, or twice that if the peer is late.
+                assert!(one["step_max"].as_f64() < Some(0.05), "{report}");
             }
-            // The fastest joint makes 2.35 rad/s: 24 mrad in one update of 10 ms, or twice that if the peer is late.
-            assert!(one["step_max"].as_f64() < Some(0.05), "{report}");
+            assert!(report["arm_left_controller"]["step_max"].as_f64() > Some(1e-3), "it moved: {report}");
         }
-        assert!(report["arm_left_controller"]["step_max"].as_f64() > Some(1e-3), "it moved: {report}");
-    }
+    });
 }

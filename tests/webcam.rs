@@ -219,56 +219,58 @@ fn calibrates_until_stopped(browser: &mut Browser) {
 
 #[test]
 fn browser_camera_leads_the_robot_until_it_is_stopped() {
-    let (mut rig, folder) = (Rig::with_settings(""), tempfile::tempdir().expect("a folder"));
-    rig.start_all();
-    let (operator, viewer) = (rig.operator_session(), viewer(&rig, folder.path()));
-    // Without a graphics card the robot's picture would take the time of the camera's images. The page works without it.
-    let fake = ["--use-fake-device-for-media-stream=fps=30", "--use-fake-ui-for-media-stream", "--disable-gpu"];
-    let Some(mut browser) = Browser::with(&viewer.address, &fake) else { return };
-    // Software draws a small page in time.
-    browser.resize(480, 800);
-    browser.wait(
-        "the panel is there",
-        &format!("!document.getElementById('cam').hidden && {} === 'off'", text("cam-state")),
-    );
-    let free = "!document.getElementById('why').textContent.includes('skeleton')";
-    if !leads(&mut browser, &format!("{free} && window.teleopd.frame() !== null")) {
-        return;
-    }
-    operator.wait("free to engage", |status| status.moving == 0 && status.ticks > 750);
-    assert_eq!(operator.mode(), Some(Mode::Disengaged), "to lead is not to engage");
-    assert_eq!(browser.text("cam-left-text"), "90 %");
-    browser.wait("the skeleton is drawn", PAINTED);
-    calibrates_until_stopped(&mut browser);
-    browser.click("#engage");
-    let mut is_slow = false;
-    let follows = within(3 * SOON, || {
-        if browser.evaluate("document.getElementById('engage').getAttribute('aria-pressed')") == "false" {
-            is_slow = !leads(&mut browser, free);
-            browser.click("#engage");
+    in_real_time(|| {
+        let (mut rig, folder) = (Rig::with_settings(""), tempfile::tempdir().expect("a folder"));
+        rig.start_all();
+        let (operator, viewer) = (rig.operator_session(), viewer(&rig, folder.path()));
+        // Without a graphics card the robot's picture would take the time of the camera's images. The page works without it.
+        let fake = ["--use-fake-device-for-media-stream=fps=30", "--use-fake-ui-for-media-stream", "--disable-gpu"];
+        let Some(mut browser) = Browser::with(&viewer.address, &fake) else { return };
+        // Software draws a small page in time.
+        browser.resize(480, 800);
+        browser.wait(
+            "the panel is there",
+            &format!("!document.getElementById('cam').hidden && {} === 'off'", text("cam-state")),
+        );
+        let free = "!document.getElementById('why').textContent.includes('skeleton')";
+        if !leads(&mut browser, &format!("{free} && window.teleopd.frame() !== null")) {
+            return;
         }
-        let modes = [Some(Mode::Engaging), Some(Mode::Engaged)];
-        is_slow || within(Duration::from_millis(100), || modes.contains(&operator.mode()))
+        operator.wait("free to engage", |status| status.moving == 0 && status.ticks > 750);
+        assert_eq!(operator.mode(), Some(Mode::Disengaged), "to lead is not to engage");
+        assert_eq!(browser.text("cam-left-text"), "90 %");
+        browser.wait("the skeleton is drawn", PAINTED);
+        calibrates_until_stopped(&mut browser);
+        browser.click("#engage");
+        let mut is_slow = false;
+        let follows = within(3 * SOON, || {
+            if browser.evaluate("document.getElementById('engage').getAttribute('aria-pressed')") == "false" {
+                is_slow = !leads(&mut browser, free);
+                browser.click("#engage");
+            }
+            let modes = [Some(Mode::Engaging), Some(Mode::Engaged)];
+            is_slow || within(Duration::from_millis(100), || modes.contains(&operator.mode()))
+        });
+        if is_slow {
+            return;
+        }
+        assert!(follows, "never follows: {}", browser.page_text());
+        let before = browser.measured();
+        browser.wait_moved(&before, 0.1);
+        browser.click("#cam-mirrored");
+        browser.wait_attribute("cam-mirrored", "aria-checked", "true");
+        browser.click("#cam-mirrored");
+        browser.click("#cam-on");
+        browser.wait_text("cam-state", "off");
+        browser.wait("nothing is recorded any more", "document.getElementById('cam-video').srcObject === null");
+        operator.wait_stopped();
+        // A hidden page turns the camera off. Shown again, it does not turn it on.
+        assert!(leads(&mut browser, "true"), "it led before");
+        browser.hide();
+        browser.wait_text_like("cam-told", "/hidden/");
+        assert!(holds_for(Duration::from_secs(1), || browser.text("cam-state") == "off"));
+        drop(browser);
+        drop(viewer);
+        rig.end_without_violations();
     });
-    if is_slow {
-        return;
-    }
-    assert!(follows, "never follows: {}", browser.page_text());
-    let before = browser.measured();
-    browser.wait_moved(&before, 0.1);
-    browser.click("#cam-mirrored");
-    browser.wait_attribute("cam-mirrored", "aria-checked", "true");
-    browser.click("#cam-mirrored");
-    browser.click("#cam-on");
-    browser.wait_text("cam-state", "off");
-    browser.wait("nothing is recorded any more", "document.getElementById('cam-video').srcObject === null");
-    operator.wait_stopped();
-    // A hidden page turns the camera off. Shown again, it does not turn it on.
-    assert!(leads(&mut browser, "true"), "it led before");
-    browser.hide();
-    browser.wait_text_like("cam-told", "/hidden/");
-    assert!(holds_for(Duration::from_secs(1), || browser.text("cam-state") == "off"));
-    drop(browser);
-    drop(viewer);
-    rig.end_without_violations();
 }

@@ -70,66 +70,72 @@ fn engage_until(operator: &mut Operator, observer: &mut StateObserver, done: imp
 #[test]
 #[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn grippers_on_ros2_close_with_the_hands_and_hold() {
-    let Some(peer) = Peer::start(DOMAINS[0], &["--object-width-m", "0.05"]) else { return };
-    let mut rig = rig(DOMAINS[0]);
-    rig.start_all();
-    let (mut operator, mut observer) = (rig.operator().expect("it answers"), rig.state_observer());
-    let client = rig.client(&gripping(0.7), 1);
-    client.set_engaged(true);
-    let known = observer.wait("known", |robot| robot.flags & state_flag::GRIPPERS != 0);
-    assert_eq!(known.grippers_measured.setpoint, [0.0; 2]);
-    let mut stops = engage_until(&mut operator, &mut observer, |robot| robot.grippers.closure[0] > 0.69);
-    let held = observer.robot().expect("it was heard").grippers.closure[0];
-    // The object stops the fingers half-way, and they press.
-    observer.wait("pressing", |robot| {
-        let [closures, forces_n] = [robot.grippers_measured.closure, robot.grippers_measured.force_n];
-        let pressing = |side: usize| (closures[side] - 0.5).abs() < 0.01 && (forces_n[side] - 20.0).abs() < 0.5;
-        pressing(0) && pressing(1)
+    harness::in_real_time(|| {
+        let Some(peer) = Peer::start(DOMAINS[0], &["--object-width-m", "0.05"]) else { return };
+        let mut rig = rig(DOMAINS[0]);
+        rig.start_all();
+        let (mut operator, mut observer) = (rig.operator().expect("it answers"), rig.state_observer());
+        let client = rig.client(&gripping(0.7), 1);
+        client.set_engaged(true);
+        let known = observer.wait("known", |robot| robot.flags & state_flag::GRIPPERS != 0);
+        assert_eq!(known.grippers_measured.setpoint, [0.0; 2]);
+        let mut stops = engage_until(&mut operator, &mut observer, |robot| robot.grippers.closure[0] > 0.69);
+        let held = observer.robot().expect("it was heard").grippers.closure[0];
+        // The object stops the fingers half-way, and they press.
+        observer.wait("pressing", |robot| {
+            let [closures, forces_n] = [robot.grippers_measured.closure, robot.grippers_measured.force_n];
+            let pressing = |side: usize| (closures[side] - 0.5).abs() < 0.01 && (forces_n[side] - 20.0).abs() < 0.5;
+            pressing(0) && pressing(1)
+        });
+        // Until the person's hands are seen no more, and then some.
+        let until = Instant::now() + Duration::from_millis(5500);
+        stops += engage_until(&mut operator, &mut observer, |_| Instant::now() > until);
+        let later = observer.robot().expect("it was heard");
+        assert!((later.grippers.closure[0] - held).abs() < 0.02, "{:?}", later.grippers);
+        assert!(later.grippers_measured.force_n[0] > 19.0, "{:?}", later.grippers_measured);
+        operator.release();
+        observer.wait_at_rest();
+        rig.end_without_violations();
+        let (report, trace) = peer.end();
+        println!("{:#}", report["hands"]);
+        assert_sound(&report);
+        let left: Vec<(f64, [f64; 3])> = trace.iter().map(|row| (row[0], closures(row))).collect();
+        let first = |most: f64| left.iter().find(|(_, at)| at.iter().all(|one| *one > most)).expect("it closes").0;
+        let took_s = first(0.69) - first(0.01);
+        println!("closed by 0.68 in {took_s:.2} s, {stops} stops");
+        // A machine that is busy stops the robot, and it goes on later.
+        let slowest_s = if stops == 0 { 0.68 * CLOSING_S + 0.8 } else { f64::INFINITY };
+        assert!((0.68 * CLOSING_S - 0.05..slowest_s).contains(&took_s), "{took_s} s");
+        let (_, end) = left.last().expect("rows");
+        assert!(end.iter().all(|one| (one - 0.7).abs() < 0.01), "they hold: {end:?}");
     });
-    // Until the person's hands are seen no more, and then some.
-    let until = Instant::now() + Duration::from_millis(5500);
-    stops += engage_until(&mut operator, &mut observer, |_| Instant::now() > until);
-    let later = observer.robot().expect("it was heard");
-    assert!((later.grippers.closure[0] - held).abs() < 0.02, "{:?}", later.grippers);
-    assert!(later.grippers_measured.force_n[0] > 19.0, "{:?}", later.grippers_measured);
-    operator.release();
-    observer.wait_at_rest();
-    rig.end_without_violations();
-    let (report, trace) = peer.end();
-    println!("{:#}", report["hands"]);
-    assert_sound(&report);
-    let left: Vec<(f64, [f64; 3])> = trace.iter().map(|row| (row[0], closures(row))).collect();
-    let first = |most: f64| left.iter().find(|(_, at)| at.iter().all(|one| *one > most)).expect("it closes").0;
-    let took_s = first(0.69) - first(0.01);
-    println!("closed by 0.68 in {took_s:.2} s, {stops} stops");
-    // A machine that is busy stops the robot, and it goes on later.
-    let slowest_s = if stops == 0 { 0.68 * CLOSING_S + 0.8 } else { f64::INFINITY };
-    assert!((0.68 * CLOSING_S - 0.05..slowest_s).contains(&took_s), "{took_s} s");
-    let (_, end) = left.last().expect("rows");
-    assert!(end.iter().all(|one| (one - 0.7).abs() < 0.01), "they hold: {end:?}");
 }
 
 #[test]
 #[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn f122_grippers_hold_when_their_driver_is_killed() {
-    let Some(peer) = Peer::start(DOMAINS[1], &[]) else { return };
-    let mut rig = rig(DOMAINS[1]);
-    rig.start_all();
-    let (mut operator, mut observer) = (rig.operator().expect("it answers"), rig.state_observer());
-    let client = rig.client(&gripping(1.0), 1);
-    client.set_engaged(true);
-    engage_until(&mut operator, &mut observer, |robot| robot.grippers.closure[0] > 0.3 && robot.grippers.rate[0] > 0.3);
-    rig.kill("driver");
-    let killed_s = rt::now().0 as f64 * 1e-9;
-    outlive_stop();
-    let (report, trace) = peer.end();
-    assert_sound(&report);
-    let moves = |pair: &[Vec<f64>]| closures(&pair[0]) != closures(&pair[1]);
-    let last_s = trace.windows(2).rfind(|pair| moves(pair)).expect("they moved")[1][0] - killed_s;
-    let end = closures(trace.last().expect("rows"));
-    println!("the fingers rested {:.0} ms after kill -9 of the driver, at {end:.3?}", last_s * 1e3);
-    assert!(last_s > -0.1 && last_s < REST_WITHIN_S, "at rest {last_s} s after the driver's end");
-    assert!(end.iter().all(|one| (0.3..0.9).contains(one)), "{end:?}");
+    harness::in_real_time(|| {
+        let Some(peer) = Peer::start(DOMAINS[1], &[]) else { return };
+        let mut rig = rig(DOMAINS[1]);
+        rig.start_all();
+        let (mut operator, mut observer) = (rig.operator().expect("it answers"), rig.state_observer());
+        let client = rig.client(&gripping(1.0), 1);
+        client.set_engaged(true);
+        engage_until(&mut operator, &mut observer, |robot| {
+            robot.grippers.closure[0] > 0.3 && robot.grippers.rate[0] > 0.3
+        });
+        rig.kill("driver");
+        let killed_s = rt::now().0 as f64 * 1e-9;
+        outlive_stop();
+        let (report, trace) = peer.end();
+        assert_sound(&report);
+        let moves = |pair: &[Vec<f64>]| closures(&pair[0]) != closures(&pair[1]);
+        let last_s = trace.windows(2).rfind(|pair| moves(pair)).expect("they moved")[1][0] - killed_s;
+        let end = closures(trace.last().expect("rows"));
+        println!("the fingers rested {:.0} ms after kill -9 of the driver, at {end:.3?}", last_s * 1e3);
+        assert!(last_s > -0.1 && last_s < REST_WITHIN_S, "at rest {last_s} s after the driver's end");
+        assert!(end.iter().all(|one| (0.3..0.9).contains(one)), "{end:?}");
+    });
 }
 
 #[test]

@@ -167,50 +167,52 @@ fn client_publishes_until_stopped() {
 
 #[test]
 fn target_starts_all_and_its_stop_brings_the_robot_to_rest() {
-    let Some(machine) = started() else { return };
-    let system = Manager::system();
-    machine.run(&[], &["systemctl", "start", "client.service"]);
-    let run_dir = "/run/teleop";
-    machine.wait_until("a valid skeleton", || {
-        let status = machine.run(&OPERATOR, &["/usr/bin/teleopctl", "--run-dir", run_dir, "status"]);
-        status.contains("mode              Disengaged") && !status.contains("\nfault ")
-    });
-    let engage = || {
-        let mut command = machine.command(&OPERATOR, &["/usr/bin/teleopctl", "--run-dir", run_dir, "engage"]);
-        command.stdout(std::process::Stdio::null()).spawn().expect("an operator")
-    };
-    let mut operator = engage();
-    machine.wait_until("engaged", || {
-        // On a busy computer the first attempt may be refused, or control may end it.
-        if operator.try_wait().is_ok_and(|ended| ended.is_some()) {
-            operator = engage();
-        }
-        mode(&machine, run_dir) == "Engaged"
-    });
-    // The shared memory belongs to the instance. Nothing of it is where every user of the machine can see it.
-    assert_eq!(std::fs::read_dir(machine.inside("dev/shm")).expect("a folder").count(), 0);
-    assert!(std::fs::read_dir(machine.inside("run/teleop/shm")).expect("a folder").count() > 0);
+    harness::in_real_time(|| {
+        let Some(machine) = started() else { return };
+        let system = Manager::system();
+        machine.run(&[], &["systemctl", "start", "client.service"]);
+        let run_dir = "/run/teleop";
+        machine.wait_until("a valid skeleton", || {
+            let status = machine.run(&OPERATOR, &["/usr/bin/teleopctl", "--run-dir", run_dir, "status"]);
+            status.contains("mode              Disengaged") && !status.contains("\nfault ")
+        });
+        let engage = || {
+            let mut command = machine.command(&OPERATOR, &["/usr/bin/teleopctl", "--run-dir", run_dir, "engage"]);
+            command.stdout(std::process::Stdio::null()).spawn().expect("an operator")
+        };
+        let mut operator = engage();
+        machine.wait_until("engaged", || {
+            // On a busy computer the first attempt may be refused, or control may end it.
+            if operator.try_wait().is_ok_and(|ended| ended.is_some()) {
+                operator = engage();
+            }
+            mode(&machine, run_dir) == "Engaged"
+        });
+        // The shared memory belongs to the instance. Nothing of it is where every user of the machine can see it.
+        assert_eq!(std::fs::read_dir(machine.inside("dev/shm")).expect("a folder").count(), 0);
+        assert!(std::fs::read_dir(machine.inside("run/teleop/shm")).expect("a folder").count() > 0);
 
-    // The command from README. It returns when all processes are gone, so no wait is needed here.
-    machine.run(&[], &["systemctl", "stop", "teleop.target", "teleop@*"]);
-    for process in PROCESSES {
-        assert_eq!(machine.property(&system, &unit(process), "ActiveState"), "inactive", "{process}");
-        assert_eq!(machine.property(&system, &unit(process), "Result"), "success");
-    }
-    let _ = operator.wait();
-    // A process writes its figures when it ends: input first, the driver last.
-    let ends = PROCESSES.map(|process| {
-        let figures = machine.inside(&format!("run/teleop/{process}.json"));
-        std::fs::metadata(&figures).and_then(|metadata| metadata.modified()).expect("figures")
+        // The command from README. It returns when all processes are gone, so no wait is needed here.
+        machine.run(&[], &["systemctl", "stop", "teleop.target", "teleop@*"]);
+        for process in PROCESSES {
+            assert_eq!(machine.property(&system, &unit(process), "ActiveState"), "inactive", "{process}");
+            assert_eq!(machine.property(&system, &unit(process), "Result"), "success");
+        }
+        let _ = operator.wait();
+        // A process writes its figures when it ends: input first, the driver last.
+        let ends = PROCESSES.map(|process| {
+            let figures = machine.inside(&format!("run/teleop/{process}.json"));
+            std::fs::metadata(&figures).and_then(|metadata| metadata.modified()).expect("figures")
+        });
+        assert!(ends.is_sorted_by(|earlier_start, later_start| earlier_start >= later_start), "{ends:?}");
+        let driver = machine.figures("run/teleop/driver.json");
+        assert_eq!(driver["ended_at_rest"], true, "{driver:#}");
+        let violations = driver["violations"].as_object().expect("violations");
+        harness::assert_always(violations.values().all(|count| *count == 0), format!("{violations:?}"));
+        let control = machine.figures("run/teleop/control.json");
+        let modes = control["mode_transitions"].as_array().expect("transitions");
+        assert!(modes.iter().any(|one| one["to"] == "Engaged"), "the robot was in motion: {control:#}");
     });
-    assert!(ends.is_sorted_by(|earlier_start, later_start| earlier_start >= later_start), "{ends:?}");
-    let driver = machine.figures("run/teleop/driver.json");
-    assert_eq!(driver["ended_at_rest"], true, "{driver:#}");
-    let violations = driver["violations"].as_object().expect("violations");
-    assert!(violations.values().all(|count| *count == 0), "{violations:?}");
-    let control = machine.figures("run/teleop/control.json");
-    let modes = control["mode_transitions"].as_array().expect("transitions");
-    assert!(modes.iter().any(|one| one["to"] == "Engaged"), "the robot was in motion: {control:#}");
 }
 
 #[test]
@@ -253,21 +255,23 @@ fn f082_watchdog_ends_hung_process_and_control_stays_ended() {
 
 #[test]
 fn user_without_root_starts_and_stops_every_process() {
-    let machine = match Machine::boot() {
-        Ok(machine) => machine,
-        Err(reason) => return println!("skipped: no real systemd: {reason}"),
-    };
-    let user = Manager::user();
-    machine.run(&[], &["systemctl", "start", "user-manager.service"]);
-    machine.run(&OPERATOR, &["systemctl", "--user", "start", "teleop.target"]);
-    for process in PROCESSES {
-        assert_eq!(machine.property(&user, &unit(process), "SubState"), "running", "{}", machine.console());
-    }
-    machine.wait_until("an answer", || mode(&machine, "/run/user/1000/teleop") == "Disengaged");
-    machine.run(&OPERATOR, &["systemctl", "--user", "stop", "teleop.target"]);
-    for process in PROCESSES {
-        machine.wait(&user, &unit(process), "ActiveState", "inactive");
-        assert_eq!(machine.property(&user, &unit(process), "Result"), "success");
-    }
-    assert_eq!(machine.figures("run/user/1000/teleop/driver.json")["ended_at_rest"], true);
+    harness::in_real_time(|| {
+        let machine = match Machine::boot() {
+            Ok(machine) => machine,
+            Err(reason) => return println!("skipped: no real systemd: {reason}"),
+        };
+        let user = Manager::user();
+        machine.run(&[], &["systemctl", "start", "user-manager.service"]);
+        machine.run(&OPERATOR, &["systemctl", "--user", "start", "teleop.target"]);
+        for process in PROCESSES {
+            assert_eq!(machine.property(&user, &unit(process), "SubState"), "running", "{}", machine.console());
+        }
+        machine.wait_until("an answer", || mode(&machine, "/run/user/1000/teleop") == "Disengaged");
+        machine.run(&OPERATOR, &["systemctl", "--user", "stop", "teleop.target"]);
+        for process in PROCESSES {
+            machine.wait(&user, &unit(process), "ActiveState", "inactive");
+            assert_eq!(machine.property(&user, &unit(process), "Result"), "success");
+        }
+        assert_eq!(machine.figures("run/user/1000/teleop/driver.json")["ended_at_rest"], true);
+    });
 }

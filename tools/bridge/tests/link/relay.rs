@@ -99,56 +99,60 @@ pub fn engage(world: &World, folder: &Path) -> OperatorSession {
 
 #[test]
 fn f125_bad_wire_follows_and_partition_of_five_seconds_is_a_release_that_heals_unengaged() {
-    let faults = Faults { delay_ms: 5, jitter_ms: 30, loss_percent: 5, is_cut: false };
-    let mut world = World::new(&["anna"]);
-    let relay = Relay::start(&world.address, faults);
-    world.address.clone_from(&relay.address);
-    let folder = tempfile::tempdir().expect("a folder");
-    let _end = world.operator(&world.bundle("anna"), folder.path());
-    world.robot.wait_line("anna: ready");
-    let (_client, felt) = publisher(folder.path());
-    let before = engage(&world, folder.path());
-    follows(&world, "persons go on", 50);
-    relay.set(Faults { is_cut: true, ..faults });
-    wait_until("released", || !world.daemon.is_held());
-    let edges = world.daemon.counts().enable_edges;
-    assert!(holds_for(Duration::from_secs(5), || world.daemon.is_released(edges)), "by itself");
-    assert!(before.is_cut_off(), "clients see that the link is cut");
-    let persons = world.daemon.persons();
-    relay.set(faults);
-    // The connection is made again without anybody's help. The enable is not.
-    wait_until("persons go on after it", || world.daemon.persons() > persons + 50);
-    assert!(world.daemon.is_released(edges), "by itself");
-    let after = engage(&world, folder.path());
-    after.estop();
-    wait_until("the emergency stop arrives", || world.daemon.counts().estop_edges >= 1);
-    assert!(felt.load(Ordering::Relaxed) > 0, "feedback came back");
-    assert_none_was_old(&world);
+    harness::in_real_time(|| {
+        let faults = Faults { delay_ms: 5, jitter_ms: 30, loss_percent: 5, is_cut: false };
+        let mut world = World::new(&["anna"]);
+        let relay = Relay::start(&world.address, faults);
+        world.address.clone_from(&relay.address);
+        let folder = tempfile::tempdir().expect("a folder");
+        let _end = world.operator(&world.bundle("anna"), folder.path());
+        world.robot.wait_line("anna: ready");
+        let (_client, felt) = publisher(folder.path());
+        let before = engage(&world, folder.path());
+        follows(&world, "persons go on", 50);
+        relay.set(Faults { is_cut: true, ..faults });
+        wait_until("released", || !world.daemon.is_held());
+        let edges = world.daemon.counts().enable_edges;
+        assert!(holds_for(Duration::from_secs(5), || world.daemon.is_released(edges)), "by itself");
+        assert!(before.is_cut_off(), "clients see that the link is cut");
+        let persons = world.daemon.persons();
+        relay.set(faults);
+        // The connection is made again without anybody's help. The enable is not.
+        wait_until("persons go on after it", || world.daemon.persons() > persons + 50);
+        assert!(world.daemon.is_released(edges), "by itself");
+        let after = engage(&world, folder.path());
+        after.estop();
+        wait_until("the emergency stop arrives", || world.daemon.counts().estop_edges >= 1);
+        assert!(felt.load(Ordering::Relaxed) > 0, "feedback came back");
+        assert_none_was_old(&world);
+    });
 }
 
 #[test]
 fn f127_long_way_engages_nothing_until_it_is_short() {
-    for delay_ms in [50, 150] {
-        let mut world = World::new(&["anna"]);
-        let relay = Relay::start(&world.address, Faults { delay_ms, ..Faults::default() });
-        world.address.clone_from(&relay.address);
-        let folder = tempfile::tempdir().expect("a folder");
-        let _end = world.operator(&world.bundle("anna"), folder.path());
-        let socket = folder.path().join("operator.sock");
-        let is_engaged = || {
-            // Over such a distance the socket comes and goes.
-            let hand = OperatorSession::connect(&socket).ok();
-            hand.is_some_and(|hand| {
-                hand.enable();
-                within(Duration::from_millis(200), || world.daemon.counts().enable_edges > 0)
-            })
-        };
-        assert!(!within(Duration::from_secs(5), is_engaged), "{delay_ms} ms");
-        assert!(!world.robot.lines.lock().expect("whole").join("\n").contains(": ready"), "{delay_ms} ms");
-        relay.set(Faults { delay_ms: 2, ..Faults::default() });
-        world.robot.wait_line("anna: ready");
-        engage(&world, folder.path());
-    }
+    harness::in_real_time(|| {
+        for delay_ms in [50, 150] {
+            let mut world = World::new(&["anna"]);
+            let relay = Relay::start(&world.address, Faults { delay_ms, ..Faults::default() });
+            world.address.clone_from(&relay.address);
+            let folder = tempfile::tempdir().expect("a folder");
+            let _end = world.operator(&world.bundle("anna"), folder.path());
+            let socket = folder.path().join("operator.sock");
+            let is_engaged = || {
+                // Over such a distance the socket comes and goes.
+                let hand = OperatorSession::connect(&socket).ok();
+                hand.is_some_and(|hand| {
+                    hand.enable();
+                    within(Duration::from_millis(200), || world.daemon.counts().enable_edges > 0)
+                })
+            };
+            assert!(!within(Duration::from_secs(5), is_engaged), "{delay_ms} ms");
+            assert!(!world.robot.lines.lock().expect("whole").join("\n").contains(": ready"), "{delay_ms} ms");
+            relay.set(Faults { delay_ms: 2, ..Faults::default() });
+            world.robot.wait_line("anna: ready");
+            engage(&world, folder.path());
+        }
+    });
 }
 
 /// Presses the emergency stop until it shows. Returns the times until the robot latched it and until it showed, ms.
