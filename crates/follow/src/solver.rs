@@ -18,7 +18,7 @@
 //! The angle is that of the rotation from the person's limb to the robot's. rho is its square below c and grows in
 //! proportion beyond. So a limb that cannot keep up pulls no harder when it falls further behind. With the square
 //! alone, weights that smooth a dance would leave a raised arm wrong by degrees. The hand is that of
-//! [`Arm::hand`]: the errors of all joints add up there.
+//! [`Arm::hand_center`]: the errors of all joints add up there.
 //!
 //! One iteration is a Gauss-Newton sweep backward over the nodes by a Riccati recursion. Inputs at their bounds
 //! are held there, as in control-limited DDP (Tassa, Mansard, Todorov 2014). A rollout forward follows with a few
@@ -148,7 +148,7 @@ pub struct Problem {
     pub bounds: Bounds,
     /// Distances to the rest of the robot.
     pub gaps: Gaps,
-    /// Place of the hand at each node, as in [`Arm::hand`], m, and its weight from 0 to 1. `None` for one that touches nothing.
+    /// Place of the hand at each node, as in [`Arm::hand_center`], m, and its weight from 0 to 1. `None` for one that touches nothing.
     pub places: [Option<(Vector3<f64>, f64)>; NODES],
 }
 
