@@ -1,9 +1,12 @@
-//! The built-in motions. They are procedural, made for this project, and slow enough for a robot arm of 2 rad/s.
+//! The built-in motions: a standing person whose arms, hands and head go through the poses of `builtin.toml`.
 
 use crate::{Frame, Motion};
 use messages::{SMPL_JOINTS, SMPL_PARENT, Smpl};
 use nalgebra::{UnitQuaternion, Vector3};
+use serde::Deserialize;
 use skeleton::TORSO_LEAN_RAD;
+use std::collections::HashMap;
+use std::sync::LazyLock;
 
 const RATE_HZ: f64 = 60.0;
 /// Stature of the person of the built-in motions, m.
@@ -27,127 +30,47 @@ type HandPose = [f64; 2];
 /// Turn of the head to the left, then its tilt forward, degrees.
 type HeadPose = [f64; 2];
 
-const T_POSE: ArmPose = [0.0, 0.0, 0.0, 0.0, 0.0];
-const REST: ArmPose = [0.0, 72.0, 0.0, 15.0, 0.0];
-const WAVE: ArmPose = [12.0, 0.0, -85.0, 75.0, 0.0];
-const WAVE_OUT: ArmPose = [12.0, 0.0, -85.0, 50.0, 0.0];
-const WAVE_IN: ArmPose = [12.0, 0.0, -85.0, 100.0, 0.0];
-const HANDS_UP: ArmPose = [5.0, -25.0, -88.0, 55.0, 0.0];
-const CHEST: ArmPose = [15.0, 58.0, 42.0, 108.0, 0.0];
-const CROSSED: ArmPose = [48.0, 42.0, 40.0, 88.0, 20.0];
-const ARMS_UP: ArmPose = [0.0, -60.0, 0.0, 0.0, 0.0];
-const ARMS_DOWN: ArmPose = [0.0, 60.0, 0.0, 0.0, 0.0];
-const ELBOWS_BENT: ArmPose = [0.0, 0.0, 0.0, 95.0, 0.0];
-
-const REACH: ArmPose = [12.0, 66.0, -4.0, 62.0, 0.0];
-const GRASP: ArmPose = [12.0, 68.0, 16.0, 62.0, 0.0];
-const LIFT: ArmPose = [30.0, 50.0, 14.0, 74.0, 0.0];
-/// The box is moved to the left: the left arm opens, the right one reaches across.
-const OVER_LEFT: [ArmPose; 2] = [[10.0, 52.0, -14.0, 72.0, 0.0], [46.0, 50.0, 36.0, 62.0, 0.0]];
-const DOWN_LEFT: [ArmPose; 2] = [[4.0, 66.0, -14.0, 58.0, 0.0], [34.0, 62.0, 40.0, 56.0, 0.0]];
-const LET_GO: [ArmPose; 2] = [[0.0, 62.0, -34.0, 58.0, 0.0], [30.0, 60.0, 20.0, 60.0, 0.0]];
-
 /// Name of the motion for `teleopctl calibrate`.
 pub const CALIBRATION: &str = "builtin:calibration";
 /// Name of the motion that picks up a box and puts it down.
 pub const PICK_AND_PLACE: &str = "builtin:pick-and-place";
 
-/// A pose of both arms, left and right, reached after `seconds`. The fastest blend stays below 2.2 rad/s in each angle,
-/// because a minimum-jerk blend peaks at 1.875 times its mean speed.
+/// A pose of both arms, reached after `seconds`.
+#[derive(Deserialize)]
 struct Key {
     seconds: f64,
-    arms: [ArmPose; 2],
-    hands: [HandPose; 2],
+    /// Names of the poses of the left and of the right arm.
+    arms: [String; 2],
+    /// Bend of both hands.
+    #[serde(default)]
+    hand: HandPose,
+    #[serde(default)]
     head: HeadPose,
     /// Closure of both hands.
+    #[serde(default)]
     closure: f64,
 }
 
-const fn key(seconds: f64, left: ArmPose, right: ArmPose) -> Key {
-    Key { seconds, arms: [left, right], hands: [[0.0; 2]; 2], head: [0.0; 2], closure: 0.0 }
+/// The motions of `builtin.toml`, and the poses of an arm by their names.
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+struct Score {
+    builtin: Vec<Key>,
+    calibration: Vec<Key>,
+    pick_and_place: Vec<Key>,
+    arms: HashMap<String, ArmPose>,
 }
 
-/// A key with both hands bent alike to palm and thumb.
-const fn work(seconds: f64, arms: [ArmPose; 2], hand: HandPose, head: HeadPose) -> Key {
-    Key { seconds, arms, hands: [hand; 2], head, closure: 0.0 }
-}
-
-/// The same with both hands on the box.
-const fn hold(seconds: f64, arms: [ArmPose; 2], hand: HandPose, head: HeadPose) -> Key {
-    Key { closure: 0.5, ..work(seconds, arms, hand, head) }
-}
-
-const KEYS: [Key; 19] = [
-    key(0.0, T_POSE, T_POSE),
-    key(0.8, T_POSE, T_POSE),
-    key(1.8, REST, REST),
-    key(0.4, REST, REST),
-    key(2.0, REST, WAVE),
-    key(0.6, REST, WAVE_OUT),
-    key(0.9, REST, WAVE_IN),
-    key(0.9, REST, WAVE_OUT),
-    key(0.9, REST, WAVE_IN),
-    key(0.6, REST, WAVE),
-    key(2.2, HANDS_UP, HANDS_UP),
-    key(0.6, HANDS_UP, HANDS_UP),
-    key(2.8, CHEST, CHEST),
-    key(0.8, CHEST, CHEST),
-    key(1.6, CROSSED, CROSSED),
-    key(0.8, CROSSED, CROSSED),
-    key(1.8, REST, REST),
-    key(1.8, T_POSE, T_POSE),
-    key(0.6, T_POSE, T_POSE),
-];
-
-/// A T-pose held for 4 s. Then the arms move up and down, and the elbows bend and stretch.
-const CALIBRATION_KEYS: [Key; 11] = [
-    key(0.0, T_POSE, T_POSE),
-    key(4.0, T_POSE, T_POSE),
-    key(1.2, ARMS_UP, ARMS_UP),
-    key(2.2, ARMS_DOWN, ARMS_DOWN),
-    key(1.2, T_POSE, T_POSE),
-    key(1.8, ELBOWS_BENT, ELBOWS_BENT),
-    key(1.8, T_POSE, T_POSE),
-    key(1.8, ELBOWS_BENT, ELBOWS_BENT),
-    key(1.8, T_POSE, T_POSE),
-    key(1.8, ELBOWS_BENT, ELBOWS_BENT),
-    key(1.8, T_POSE, T_POSE),
-];
-
-/// Hands wave and the head looks around for six seconds, so that both are learnt. Then look, reach, grasp a box with both
-/// hands, lift it, move it to the left, place it down and let it go.
-const PICK_AND_PLACE_KEYS: [Key; 22] = [
-    work(0.0, [T_POSE; 2], [0.0, 0.0], [0.0, 0.0]),
-    work(1.0, [T_POSE; 2], [0.0, 0.0], [0.0, 0.0]),
-    work(1.8, [REST; 2], [0.0, 0.0], [0.0, 0.0]),
-    work(1.4, [CHEST; 2], [25.0, 0.0], [25.0, 0.0]),
-    work(1.4, [REST; 2], [-25.0, 0.0], [-25.0, 0.0]),
-    work(1.4, [CHEST; 2], [0.0, 15.0], [0.0, 20.0]),
-    work(1.4, [REST; 2], [0.0, -15.0], [0.0, -10.0]),
-    work(0.8, [REST; 2], [0.0, 0.0], [0.0, 0.0]),
-    work(1.0, [REST; 2], [0.0, 0.0], [0.0, 28.0]),
-    work(1.8, [REACH; 2], [-20.0, 10.0], [0.0, 30.0]),
-    hold(1.0, [GRASP; 2], [15.0, 10.0], [0.0, 30.0]),
-    hold(0.5, [GRASP; 2], [18.0, 10.0], [0.0, 30.0]),
-    hold(1.6, [LIFT; 2], [18.0, 15.0], [0.0, 12.0]),
-    hold(0.6, [LIFT; 2], [18.0, 15.0], [35.0, 8.0]),
-    hold(2.0, OVER_LEFT, [18.0, 15.0], [35.0, 15.0]),
-    hold(1.4, DOWN_LEFT, [15.0, 5.0], [35.0, 28.0]),
-    work(0.6, DOWN_LEFT, [15.0, 5.0], [35.0, 28.0]),
-    work(1.0, LET_GO, [-15.0, 5.0], [35.0, 28.0]),
-    work(2.0, [REST; 2], [0.0, 0.0], [0.0, 5.0]),
-    work(0.6, [REST; 2], [0.0, 0.0], [0.0, 0.0]),
-    work(1.8, [T_POSE; 2], [0.0, 0.0], [0.0, 0.0]),
-    work(0.6, [T_POSE; 2], [0.0, 0.0], [0.0, 0.0]),
-];
+static SCORE: LazyLock<Score> =
+    LazyLock::new(|| toml::from_str(include_str!("builtin.toml")).unwrap_or_else(|error| panic!("{error}")));
 
 /// Returns the built-in motion of this name: `builtin`, [`PICK_AND_PLACE`], or [`CALIBRATION`]. `builtin:` may be left out.
 pub fn builtin_named(name: &str) -> Option<Motion> {
     let is = |whole: &str| name == whole || whole.strip_prefix("builtin:") == Some(name);
     match name {
         "builtin" => Some(builtin()),
-        _ if is(CALIBRATION) => Some(played(CALIBRATION, &CALIBRATION_KEYS)),
-        _ if is(PICK_AND_PLACE) => Some(played(PICK_AND_PLACE, &PICK_AND_PLACE_KEYS)),
+        _ if is(CALIBRATION) => Some(played(CALIBRATION, &SCORE.calibration)),
+        _ if is(PICK_AND_PLACE) => Some(played(PICK_AND_PLACE, &SCORE.pick_and_place)),
         _ => None,
     }
 }
@@ -155,7 +78,7 @@ pub fn builtin_named(name: &str) -> Option<Motion> {
 /// Returns the demo motion of a person of 1.75 m, 60 Hz: T-pose, wave, hands up, hands to the chest, crossed
 /// arms, and back. The blends are minimum-jerk. The motion ends as it begins, so it can be repeated directly.
 pub fn builtin() -> Motion {
-    played("builtin", &KEYS)
+    played("builtin", &SCORE.builtin)
 }
 
 /// Plays the keys one after the other.
@@ -167,8 +90,8 @@ fn played(name: &str, keys: &[Key]) -> Motion {
         for i in 0..count {
             let t = i as f64 / count as f64;
             let s = t * t * t * (10.0 + t * (6.0 * t - 15.0));
-            let arms = [0, 1].map(|side| blend(&from.arms[side], &to.arms[side], s));
-            let hands = [0, 1].map(|side| blend(&from.hands[side], &to.hands[side], s));
+            let arms = [0, 1].map(|side| blend(&SCORE.arms[&from.arms[side]], &SCORE.arms[&to.arms[side]], s));
+            let hands = [blend(&from.hand, &to.hand, s); 2];
             let closure = [Some(blend(&[from.closure], &[to.closure], s)[0] as f32); 2];
             frames.push(Frame { closure, ..frame(&arms, &hands, &blend(&from.head, &to.head, s)) });
         }
@@ -187,7 +110,7 @@ fn blend<const N: usize>(from: &[f64; N], to: &[f64; N], s: f64) -> [f64; N] {
 
 /// Returns the T-pose of this person, with nominal bone lengths and an upright torso frame.
 pub(crate) fn t_pose() -> [[f32; 3]; SMPL_JOINTS] {
-    frame(&[T_POSE; 2], &[[0.0; 2]; 2], &[0.0; 2]).positions
+    frame(&[[0.0; 5]; 2], &[[0.0; 2]; 2], &[0.0; 2]).positions
 }
 
 /// Moves a person by a sway of 3 mm at this phase, rad. No real person stands perfectly still. With it, a pause differs
