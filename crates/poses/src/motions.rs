@@ -2,18 +2,16 @@
 
 use crate::person::{ArmPose, reach, standing, with_arms};
 use motion::{Frame, Motion};
+use serde::Deserialize;
+use std::collections::HashMap;
 use std::f64::consts::TAU;
+use std::sync::LazyLock;
 
 /// Frames per second.
 pub const RATE_HZ: f64 = 60.0;
 
-/// Hanging arms, with slightly bent elbows.
-const REST: ArmPose = [0.0, 78.0, 0.0, 15.0, 0.0];
-const T_POSE: ArmPose = [0.0; 5];
-/// Upper arm out, forearm up, and the two ends of a wave.
-const WAVE: ArmPose = [12.0, 5.0, -88.0, 80.0, 0.0];
-const WAVE_OUT: ArmPose = [12.0, 5.0, -88.0, 55.0, 0.0];
-const WAVE_IN: ArmPose = [12.0, 5.0, -88.0, 105.0, 0.0];
+/// Name of hanging arms, with slightly bent elbows.
+const REST: &str = "rest";
 
 /// A pose of both arms, left and right, reached after `seconds`.
 #[derive(Clone, Copy)]
@@ -22,95 +20,40 @@ struct Key {
     arms: [ArmPose; 2],
 }
 
-fn key(seconds: f64, left: ArmPose, right: ArmPose) -> Key {
-    Key { seconds, arms: [left, right] }
-}
-
-fn both(seconds: f64, arm: ArmPose) -> Key {
-    key(seconds, arm, arm)
-}
-
-/// Name, key poses between the hanging arms, and the index of the key that the name denotes.
+/// A motion of `motions.toml`.
+#[derive(Deserialize)]
 struct Recipe {
-    name: &'static str,
-    keys: Vec<Key>,
+    name: String,
+    /// Seconds, and names of the left and of the right arm, between the hanging arms.
+    keys: Vec<(f64, String, String)>,
+    /// Index of the key that the name denotes.
+    #[serde(default)]
     named: usize,
 }
 
-fn recipe(name: &'static str, named: usize, keys: Vec<Key>) -> Recipe {
-    Recipe { name, keys, named }
+/// `motions.toml`.
+#[derive(Deserialize)]
+struct Score {
+    motions: Vec<Recipe>,
+    angles: HashMap<String, ArmPose>,
+    /// Arguments of [`reach`].
+    hands: HashMap<String, ([f64; 3], f64, f64)>,
 }
 
-/// Moves to a pose, pauses, and moves back.
-fn held(name: &'static str, seconds: f64, left: ArmPose, right: ArmPose) -> Recipe {
-    recipe(name, 0, vec![key(seconds, left, right), key(0.8, left, right), key(seconds, REST, REST)])
-}
+/// The motions, and the arms by their names. The arms of `hands` are among `angles`, too.
+static SCORE: LazyLock<Score> = LazyLock::new(|| {
+    let mut score: Score = toml::from_str(include_str!("motions.toml")).unwrap_or_else(|error| panic!("{error}"));
+    let reached =
+        score.hands.iter().map(|(name, &(hand_m, swivel, twist))| (name.clone(), reach(hand_m, swivel, twist)));
+    score.angles.extend(reached);
+    score
+});
 
-/// The hands are given as positions of the middle of the hand from the middle between the shoulders, m: see
-/// [`reach`]. The chest's surface is 0.1 m in front of that point. The head's middle is 0.2 m above and 0.05 m
-/// in front of it.
-fn recipes() -> Vec<Recipe> {
-    let up = reach([0.03, 0.24, 0.62], 20.0, 0.0);
-    let chest = reach([0.14, 0.07, -0.16], 40.0, 0.0);
-    let head = reach([0.05, 0.07, 0.31], 145.0, 0.0);
-    let point = reach([0.66, 0.15, -0.02], 20.0, 30.0);
-    let (cross_left, cross_right) = (reach([0.17, -0.13, -0.16], 35.0, 0.0), reach([0.22, -0.13, -0.22], 35.0, 0.0));
-    let over = reach([0.05, -0.06, 0.56], 150.0, 0.0);
-    let hip = reach([0.0, 0.20, -0.42], 155.0, 20.0);
-    let guard = reach([0.24, 0.10, 0.0], 20.0, 0.0);
-    let punch = reach([0.62, 0.08, 0.0], 40.0, 35.0);
-    let (clap, open) = (reach([0.36, 0.015, -0.08], 25.0, 0.0), reach([0.36, 0.17, -0.08], 25.0, 0.0));
-    let wave = |left: bool| {
-        let arms = |seconds, arm| if left { key(seconds, arm, REST) } else { key(seconds, REST, arm) };
-        vec![
-            arms(1.5, WAVE),
-            arms(0.4, WAVE_OUT),
-            arms(0.6, WAVE_IN),
-            arms(0.6, WAVE_OUT),
-            arms(0.4, WAVE),
-            both(1.5, REST),
-        ]
-    };
-    vec![
-        held("t-pose", 1.4, T_POSE, T_POSE),
-        held("hands-up", 2.2, up, up),
-        held("hands-to-chest", 1.6, chest, chest),
-        held("hands-on-head", 2.2, head, head),
-        recipe("wave-left", 0, wave(true)),
-        recipe("wave-right", 0, wave(false)),
-        held("point-forward", 1.5, REST, point),
-        held("cross-arms", 1.6, cross_left, cross_right),
-        recipe(
-            "box",
-            1,
-            vec![
-                both(1.0, guard),
-                key(0.5, punch, guard),
-                key(0.5, guard, guard),
-                key(0.5, guard, punch),
-                key(0.5, guard, guard),
-                both(1.0, REST),
-            ],
-        ),
-        recipe(
-            "stretch-sideways",
-            0,
-            vec![key(1.8, over, hip), key(0.4, over, hip), both(1.4, T_POSE), both(1.3, REST)],
-        ),
-        recipe(
-            "clap",
-            1,
-            vec![
-                both(1.2, open),
-                both(0.4, clap),
-                both(0.4, open),
-                both(0.4, clap),
-                both(0.4, open),
-                both(0.4, clap),
-                both(1.3, REST),
-            ],
-        ),
-    ]
+impl Recipe {
+    fn key(&self, index: usize) -> Option<Key> {
+        let (seconds, left, right) = self.keys.get(index)?;
+        Some(Key { seconds: *seconds, arms: [left, right].map(|arm| SCORE.angles[arm]) })
+    }
 }
 
 /// Pause with hanging arms at the beginning and at the end, s.
@@ -118,7 +61,7 @@ const PAUSE_S: f64 = 0.3;
 
 /// Returns the names, in the order of [`paper_motions`].
 pub fn names() -> Vec<&'static str> {
-    recipes().iter().map(|recipe| recipe.name).collect()
+    SCORE.motions.iter().map(|recipe| recipe.name.as_str()).collect()
 }
 
 /// Returns the eleven motions at 60 Hz, 3 to 6 s each. A person of 1.75 m stands and faces x. Each motion
@@ -126,17 +69,17 @@ pub fn names() -> Vec<&'static str> {
 /// them with `CalibrationMode::Rig` to get the original limb rotations.
 pub fn paper_motions() -> Vec<Motion> {
     let standing = standing();
-    recipes().iter().map(|recipe| play(recipe, &standing)).collect()
+    SCORE.motions.iter().map(|recipe| play(recipe, &standing)).collect()
 }
 
 /// Returns the pose that a motion's name denotes, or hanging arms for `rest`. None for any other name.
 pub fn named_pose(name: &str) -> Option<Frame> {
     let standing = standing();
-    if name == "rest" {
-        return Some(with_arms(&standing, &[REST; 2]));
+    if name == REST {
+        return Some(with_arms(&standing, &[SCORE.angles[REST]; 2]));
     }
-    let recipe = recipes().into_iter().find(|recipe| recipe.name == name)?;
-    recipe.keys.get(recipe.named).map(|key| with_arms(&standing, &key.arms))
+    let recipe = SCORE.motions.iter().find(|recipe| recipe.name == name)?;
+    recipe.key(recipe.named).map(|key| with_arms(&standing, &key.arms))
 }
 
 /// Returns the minimum-jerk blend 10 t^3 - 15 t^4 + 6 t^5 of t in 0 to 1 (Flash and Hogan 1985).
@@ -146,8 +89,9 @@ pub fn minimum_jerk(t: f64) -> f64 {
 }
 
 fn play(recipe: &Recipe, standing: &Frame) -> Motion {
-    let rest = both(PAUSE_S, REST);
-    let keys: Vec<Key> = [rest, rest].into_iter().chain(recipe.keys.iter().copied()).chain([rest]).collect();
+    let rest = Key { seconds: PAUSE_S, arms: [SCORE.angles[REST]; 2] };
+    let keys = (0..recipe.keys.len()).filter_map(|index| recipe.key(index));
+    let keys: Vec<Key> = [rest, rest].into_iter().chain(keys).chain([rest]).collect();
     let mut frames = Vec::new();
     for pair in keys.windows(2) {
         let [from, to] = pair else { continue };
@@ -163,7 +107,7 @@ fn play(recipe: &Recipe, standing: &Frame) -> Motion {
     }
     frames.push(with_arms(standing, &rest.arms));
     sway_all(&mut frames);
-    Motion::generated(recipe.name, RATE_HZ, frames)
+    Motion::generated(&recipe.name, RATE_HZ, frames)
 }
 
 /// Sways a person once a second.
