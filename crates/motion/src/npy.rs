@@ -4,6 +4,7 @@
 //! It reads only plain numbers. Object arrays are pickles, which can run code when loaded, so it rejects them.
 
 use crate::error::ArrayError;
+use half::f16;
 use std::io::{Read, Seek, SeekFrom, Write};
 
 /// Most numbers in one array: the largest frame count, with frames as wide as those of SMPL-X. Each number
@@ -64,7 +65,7 @@ impl Number {
         wide[..bytes.len()].copy_from_slice(bytes);
         let unsigned = u64::from_le_bytes(wide);
         match self {
-            Self::Float(2) => half(unsigned as u16),
+            Self::Float(2) => f16::from_bits(unsigned as u16).to_f64(),
             Self::Float(4) => f64::from(f32::from_bits(unsigned as u32)),
             Self::Float(_) => f64::from_bits(unsigned),
             Self::Signed(bytes) => {
@@ -74,18 +75,6 @@ impl Number {
             Self::Unsigned(_) => unsigned as f64,
         }
     }
-}
-
-/// Returns the value of a half: sign, five bits of exponent, ten of fraction (IEEE 754, binary16).
-fn half(bits: u16) -> f64 {
-    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023) / 1024.0);
-    let value = match exponent {
-        0 => fraction * 2f64.powi(-14),
-        31 if fraction == 0.0 => f64::INFINITY,
-        31 => f64::NAN,
-        _ => (1.0 + fraction) * 2f64.powi(exponent - 15),
-    };
-    if bits >> 15 == 0 { value } else { -value }
 }
 
 /// Reads a .npy of f16, f32, f64 or integers, either byte order, row- or column-major. Reserves memory only for data
