@@ -90,18 +90,7 @@ fn camera_client_with_a_video_moves_the_robot() {
 }
 
 /// A second policy, which sends more than its quota.
-const SECOND: &str = "\
-import sys, time
-from teleopd_client import CHUNK_DROPS, Policy
-with Policy(sys.argv[1]) as policy:
-    rows = [policy.observe().commanded[:len(policy.joints)]]
-    for _ in range(500):
-        policy.publish(rows, rate_hz=20)
-        time.sleep(0.001)
-    why = [policy.dropped().split(':')[0]]
-    counts = zip(CHUNK_DROPS, policy.observe().chunks_dropped)
-    print(sorted(why + [reason.split(':')[0] for reason, count in counts if count]))
-";
+const SECOND: &str = include_str!("clients/second.py");
 
 /// The first program of the book's chapter on policies leads an arm. A second one changes nothing, and reads why. The end of
 /// the first one stops the robot.
@@ -188,52 +177,12 @@ fn status_and_log_say_why_all_frames_of_a_client_are_dropped() {
 }
 
 /// A client that closes its hand, and reads what the robot answers until the gripper follows.
-const GRIPS: &str = "\
-import json, sys, time
-sys.path.insert(0, sys.argv[2])
-import own_person
-from teleopd_client import MODES, FeedbackReader, SkeletonPublisher, lease_is_held, rate, sentence
-held = [lease_is_held(sys.argv[1])]
-with SkeletonPublisher(sys.argv[1]) as publisher, FeedbackReader(sys.argv[1]) as reader:
-    engaged = None
-    for i in rate(60):
-        closed = engaged is not None and i > engaged + 60
-        publisher.publish(own_person.at(i), closure=(0.5 if closed else 0.0, None))
-        feedback = reader.latest()
-        if feedback is None: continue
-        if engaged is None and MODES[feedback.mode] == 'Engaged': engaged = i
-        if feedback.closure[0] > 0.4: break
-    held.append(lease_is_held(sys.argv[1]))
-    print(json.dumps({'held': held, 'sentence': sentence(feedback), 'clearance_m': list(feedback.clearance_m), 'known': feedback.known,
-        'closure': list(feedback.closure), 'towards': [list(way) for way in feedback.towards_nearest]}))
-";
+const GRIPS: &str = include_str!("clients/grips.py");
 /// The person of the example, who moves a little.
-const OWN_PERSON: &str = "\
-import math
-MIDDLE = {0: (0, 0, .98), 3: (-.01, 0, 1.07), 6: (-.02, 0, 1.17), 9: (-.02, 0, 1.28), 12: (-.04, 0, 1.47), 15: (0, 0, 1.59)}
-LEFT = {1: (0, .096, .928), 4: (.018, .096, .499), 7: (0, .096, .068), 10: (.14, .114, .026), 13: (-.03, .053, 1.4),
-        16: (-.04, .184, 1.432), 18: (-.04, .51, 1.432), 20: (-.04, .766, 1.432)}
-def at(i):
-    all = {**MIDDLE, **LEFT, **{j + 1: (x, -y, z) for j, (x, y, z) in LEFT.items()}}
-    angle = 0.3 * math.sin(2 * math.pi * i / 240)
-    for joint, length in ((18, .326), (20, .582)):
-        all[joint] = (-.04, .184 + length * math.cos(angle), 1.432 + length * math.sin(angle))
-    return [all[joint] for joint in range(22)]
-";
+const OWN_PERSON: &str = include_str!("clients/own_person.py");
 
 /// The session of the package `teleopd`, which publishes until the robot follows.
-const SESSION: &str = "\
-import sys
-sys.path.insert(0, sys.argv[1])
-import own_person
-from package.client import rate
-from package.session import Session
-with Session(sys.argv[1]) as session:
-    for i in rate(60):
-        session.publish(own_person.at(i))
-        if session.mode == 'Engaged': break
-    print(session.mode, session.sentence)
-";
+const SESSION: &str = include_str!("clients/session.py");
 
 #[test]
 fn python_session_publishes_and_reads_the_mode() {

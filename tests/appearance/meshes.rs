@@ -34,21 +34,7 @@ fn obj() -> String {
 fn dae() -> String {
     let corners: Vec<String> = CORNERS.as_flattened().iter().map(f32::to_string).collect();
     let faces: Vec<String> = FACES.as_flattened().iter().map(usize::to_string).collect();
-    format!(
-        "<?xml version=\"1.0\"?><COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" version=\"1.4.1\">
-        <asset><unit meter=\"1\" name=\"meter\"/><up_axis>Z_UP</up_axis></asset>
-        <library_geometries><geometry id=\"g\"><mesh>
-        <source id=\"p\"><float_array id=\"a\" count=\"12\">{}</float_array><technique_common>
-        <accessor source=\"#a\" count=\"4\" stride=\"3\"><param name=\"X\" type=\"float\"/><param name=\"Y\" type=\"float\"/>
-        <param name=\"Z\" type=\"float\"/></accessor></technique_common></source>
-        <vertices id=\"v\"><input semantic=\"POSITION\" source=\"#p\"/></vertices>
-        <triangles count=\"4\"><input semantic=\"VERTEX\" source=\"#v\" offset=\"0\"/><p>{}</p></triangles>
-        </mesh></geometry></library_geometries>
-        <library_visual_scenes><visual_scene id=\"s\"><node id=\"n\"><instance_geometry url=\"#g\"/></node></visual_scene>
-        </library_visual_scenes><scene><instance_visual_scene url=\"#s\"/></scene></COLLADA>",
-        corners.join(" "),
-        faces.join(" ")
-    )
+    include_str!("tetrahedron.dae").replace("CORNERS", &corners.join(" ")).replace("FACES", &faces.join(" "))
 }
 
 fn glb() -> Vec<u8> {

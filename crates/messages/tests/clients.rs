@@ -68,22 +68,8 @@ const NUMBERS: [(&str, u64, &str); 37] = [
     ("SOURCE_POLICY_RIGHT", source_flag::POLICY[1] as u64, "a policy leads the right arm"),
 ];
 
-const C_CLOSURE: &str = "
-/* A frame's flags with the closure of the left and of the right hand, 0 (open) to 1 (closed). NAN for a hand that is not
- * known. */
-static inline uint32_t teleop_with_closure(uint32_t flags, float left, float right)
-{
-    const float hands[2] = { left, right };
-    int side;
-    flags &= ~(uint32_t)TELEOP_FLAG_CLOSURE;
-    for (side = 0; side < 2; side++) {
-        const float low = hands[side] < 0.0f ? 0.0f : hands[side];
-        const float closure = low > 1.0f ? 1.0f : low;
-        if (closure == closure) flags |= (uint32_t)(1.5f + 254.0f * closure) << (16 + 8 * side);
-    }
-    return flags;
-}
-";
+const C_HEAD: &str = include_str!("head.h");
+const C_CLOSURE: &str = include_str!("closure.h");
 
 const FEEDBACK: &str = "State of the robot for the person who drives it. Directions: torso, x forward, y left, z up.";
 
@@ -207,13 +193,7 @@ fn c_struct<M: Message>(out: &mut String, what: &str) {
 
 fn c() -> String {
     let row = Service::RawSkeleton.row();
-    let mut out = String::from(
-        "/* The layout of a frame, for clients in C and C++ that publish over iceoryx2 0.10 (payload type name below, size and\n\
-         \x20* alignment of the struct). Written by cargo test -p messages --test all clients -- --ignored; not to be edited. */\n\
-         #ifndef TELEOPD_H\n#define TELEOPD_H\n\n#include <stddef.h>\n#include <stdint.h>\n\n\
-         #ifdef __cplusplus\n#define TELEOP_ASSERT(is, what) static_assert(is, what)\n#else\n\
-         #define TELEOP_ASSERT(is, what) _Static_assert(is, what)\n#endif\n\n",
-    );
+    let mut out = C_HEAD.to_owned();
     for (name, value, what) in NUMBERS {
         writeln!(out, "/* {what} */\n#define TELEOP_{name} {value}").unwrap();
     }

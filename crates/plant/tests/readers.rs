@@ -24,18 +24,7 @@ fn edit(text: &str, after: &str, old: &str, new: &str) -> String {
 }
 
 /// A finger that is held, turned by a quaternion, with an inertial that is turned by one, and another one that follows it.
-const FINGERS: &str = "
-  <link name=\"f1\"><inertial><origin xyz=\"0 0.01 0.02\" quat_xyzw=\"0.1 -0.2 0.3 2\"/><mass value=\"0.2\"/>
-    <inertia ixx=\"1e-3\" ixy=\"1e-4\" ixz=\"-2e-4\" iyy=\"2e-3\" iyz=\"3e-4\" izz=\"3e-3\"/></inertial></link>
-  <joint name=\"f1_turn\" type=\"revolute\"><parent link=\"port_paddle\"/><child link=\"f1\"/>
-    <origin xyz=\"0.01 0.02 -0.03\" quat_xyzw=\"-0.5 0.1 0.2 0.4\"/><axis xyz=\"0 2 1\"/><limit lower=\"0.2\" upper=\"1\"/></joint>
-  <link name=\"f2\"/>
-  <joint name=\"f2_slide\" type=\"prismatic\"><parent link=\"f1\"/><child link=\"f2\"/>
-    <origin quat_xyzw=\"0 0 1 0\"/><axis xyz=\"0 -0.3 0.4\"/><limit lower=\"-0.1\" upper=\"0.1\"/>
-    <mimic joint=\"f1_turn\" multiplier=\"-0.25\" offset=\"0.01\"/></joint>
-  <link name=\"f3\"/>
-  <joint name=\"f3_spin\" type=\"continuous\"><parent link=\"f2\"/><child link=\"f3\"/></joint>
-</robot>";
+const FINGERS: &str = include_str!("fingers.xml");
 
 fn robots() -> Vec<(&'static str, String)> {
     let shoulders = |angle: &str| {

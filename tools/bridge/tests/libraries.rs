@@ -6,34 +6,11 @@ use std::io::Write;
 use std::process::{Command, Stdio};
 
 /// Messages as JSON: whole numbers, fractions, a truth value, and a hand that is not seen.
-const MESSAGES: &str = r#"[["/VMC/Ext/OK",[1,3,0,true]],["/VMC/Ext/Root/Pos",["root",0,0,0,0,0,0,1]],
-["/VMC/Ext/Bone/Pos",["Hips",0,1,0.5,0,0,0,1]],["/VMC/Ext/Bone/Pos",["leftUpperArm",0,0,0,0.6,0,0,0.8]],
-["/VMC/Ext/Bone/Pos",["RightUpperArm",0,0,0,0,1,0,0]],["/VMC/Ext/Bone/Pos",["LeftHand",0,0,0,0,0,0,0]],
-["/VMC/Ext/Blend/Val",["Joy",0.25]],["/VMC/Ext/T",[1.5]]]"#;
+const MESSAGES: &str = include_str!("libraries/messages.json");
 
-const PYTHON_OSC: &str = r#"
-import json, sys
-from pythonosc.osc_bundle_builder import OscBundleBuilder, IMMEDIATELY
-from pythonosc.osc_message_builder import OscMessageBuilder
-bundle = OscBundleBuilder(IMMEDIATELY)
-for address, values in json.load(sys.stdin):
-    message = OscMessageBuilder(address)
-    for value in values:
-        message.add_arg(None if values[0] == "LeftHand" and value == 0 else value)
-    bundle.add_content(message.build())
-print(bundle.build().dgram.hex())
-"#;
-const OSC_JS: &str = r#"
-const OSC = require('osc-js');
-const all = JSON.parse(require('fs').readFileSync(0, 'utf8'));
-const bundle = new OSC.Bundle(all.map(([address, values]) => new OSC.Message(address, ...values)));
-console.log(Buffer.from(bundle.pack()).toString('hex'));
-"#;
-const OSC: &str = r#"
-const osc = require('osc');
-const packets = JSON.parse(require('fs').readFileSync(0, 'utf8')).map(([address, args]) => ({ address, args }));
-console.log(Buffer.from(osc.writePacket({ timeTag: { raw: [0, 1] }, packets })).toString('hex'));
-"#;
+const PYTHON_OSC: &str = include_str!("libraries/python_osc.py");
+const OSC_JS: &str = include_str!("libraries/osc_js.js");
+const OSC: &str = include_str!("libraries/osc.js");
 
 /// Checks the one person of these packets.
 fn check(packets: &[Vec<u8>], library: &str) {

@@ -16,47 +16,9 @@ const TOML: &str = include_str!("../../../config/robots/tiago_dual.toml");
 const URDF: &str = include_str!("../../../config/robots/tiago_dual.urdf");
 
 /// A box, a cylinder and a sphere on two sides of a base, with one finger below.
-const TOY: &str = r#"<robot name="toy">
-  <link name="base"><collision><origin xyz="0 0 0.1"/><geometry><box size="0.4 0.3 0.2"/></geometry></collision></link>
-  <link name="arm_left"><collision><geometry><cylinder radius="0.05" length="0.3"/></geometry></collision></link>
-  <link name="arm_right"><collision><geometry><cylinder radius="0.05" length="0.3"/></geometry></collision></link>
-  <link name="tip_left"><collision><origin xyz="0.1 0 0"/><geometry><box size="0.1 0.02 0.02"/></geometry></collision></link>
-  <link name="tip_right"><collision><geometry><sphere radius="0.03"/></geometry></collision></link>
-  <joint name="left" type="revolute"><parent link="base"/><child link="arm_left"/><origin xyz="0 0.3 0.2" rpy="0.3 0 0.2"/>
-    <axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
-  <joint name="right" type="revolute"><parent link="base"/><child link="arm_right"/><origin xyz="0 -0.3 0.2" rpy="-0.3 0 -0.2"/>
-    <axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
-  <joint name="finger_left" type="revolute"><parent link="arm_left"/><child link="tip_left"/><origin xyz="0 0 0.2"/>
-    <axis xyz="0 0 1"/><limit lower="0" upper="1" velocity="1" effort="1"/></joint>
-  <joint name="finger_right" type="revolute"><parent link="arm_right"/><child link="tip_right"/><origin xyz="0 0 0.2"/>
-    <axis xyz="0 0 1"/><limit lower="0" upper="1" velocity="1" effort="1"/></joint>
-</robot>"#;
+const TOY: &str = include_str!("toy.urdf");
 
-const TOY_PLAN: &str = r#"
-margin_mm = 1.0
-clear_mm = 12.0
-clear_hull_mm = 1.0
-clear_close_mm = 1.0
-close = []
-
-[[groups]]
-name = "base"
-frame = "base"
-parts = [{ link = "base" }]
-capsules = 3
-
-[[groups]]
-name = "arm_{side}"
-frame = "arm_{side}"
-parts = [{ link = "arm_{side}", below = true }]
-capsules = 2
-
-[[fingers]]
-free = "finger_{side}"
-free_steps = 9
-coupled = []
-coupled_steps = 1
-"#;
+const TOY_PLAN: &str = include_str!("toy_plan.toml");
 
 #[test]
 fn capsule_fitted_to_capsule_points_contains_them_tightly() {
