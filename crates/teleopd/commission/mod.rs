@@ -30,14 +30,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
 /// The text about what no step can show.
-const NOT_SHOWN: &str = "\
-What this run cannot show:
-- People, and everything that is not in the robot file or in [environment].
-- Full speed, long ways, payloads, and postures other than this one.
-- retarget's own death in motion: a publisher of joint targets stood in its place, and control sees the same silence.
-- How fast the robot stops when its driver dies: nothing measured then, and you judged it.
-- The network, the machine and the robot on another day.
-- Everything that SAFETY.md says teleopd does not promise.";
+const NOT_SHOWN: &str = include_str!("not_shown.txt").trim_ascii_end();
 
 /// Share of the largest measured age by which `driver.measured_age_max_ms` is proposed. Assumption: two measurements may
 /// be lost in a row before the robot counts as silent.
