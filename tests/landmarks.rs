@@ -68,23 +68,11 @@ impl Packages {
 /// Returns the landmarks that the page's worker finds in images, as `render check --found` reads them, m.
 fn found_by_page(browser: &mut Browser, images: &Path) -> Value {
     // The page's own worker and address of the user's files.
-    browser.evaluate_async(
-        "window.worker = new Worker('webcam-worker.js', { type: 'module' }); \
-         window.answer = (message, owned) => new Promise((done) => { \
-         worker.onmessage = ({ data }) => done(data); worker.postMessage(message, owned); }); \
-         const { ready, failed } = await answer({ base: `/vision/${location.hash.slice(1)}` }, []); \
-         if (!ready) throw new Error(failed);",
-    );
+    browser.evaluate_async(include_str!("landmarks.js"));
     let look = |n: usize| {
         let bytes = std::fs::read(images.join(format!("{n:03}.png"))).expect("an image");
         let picture = base64::engine::general_purpose::STANDARD.encode(bytes);
-        browser.evaluate_async(&format!(
-            "const drawn = new Image(); drawn.src = 'data:image/png;base64,{picture}'; await drawn.decode(); \
-             const image = await createImageBitmap(drawn); \
-             const {{ inWorld, failed }} = await answer({{ image, at: {n} * 1000 / 30 }}, [image]); \
-             if (failed) throw new Error(failed); \
-             return inWorld?.map((mark) => mark.slice(0, 3)) ?? Array(33).fill([null, null, null]);"
-        ))
+        browser.evaluate_async(&format!("return landmarks('{picture}', {n} * 1000 / 30);"))
     };
     json!((0..IMAGES).map(look).collect::<Vec<_>>())
 }

@@ -153,18 +153,6 @@ fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Returns the number of pixels of a sparkline that have its own colour.
-fn inked(name: &str) -> String {
-    format!(
-        "(() => {{ const c = document.querySelector('[data-line={name}]'); \
-         const own = getComputedStyle(c).getPropertyValue('--line-data').trim(); \
-         const [r, g, b] = [1, 3, 5].map((n) => parseInt(own.slice(n, n + 2), 16)); \
-         const all = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; let n = 0; \
-         for (let i = 0; i < all.length; i += 4) if (all[i + 3] > 200 && Math.abs(all[i] - r) + \
-         Math.abs(all[i + 1] - g) + Math.abs(all[i + 2] - b) < 12) n += 1; return n; }})()"
-    )
-}
-
 #[test]
 fn figures_ghost_and_lines_are_in_the_frame() {
     let (loaded, view) = (loaded(), shown());
@@ -174,8 +162,8 @@ fn figures_ghost_and_lines_are_in_the_frame() {
         shown.at(at_s);
         for name in ["behind", "delay", "clearance"] {
             shown.browser.wait("its number", &format!("/^[\\d.]+/.test({})", text(name)));
-            let inked = shown.browser.evaluate(&inked(name));
-            assert!(inked.as_u64() > Some(4), "{name} at {at_s} s: {inked} pixels are drawn");
+            let inked = shown.browser.count_inked(name);
+            assert!(inked > 4, "{name} at {at_s} s: {inked} pixels are drawn");
         }
     }
     // Arms hanging, both up, one up: the widest and the highest poses of the motion.

@@ -22,6 +22,9 @@ const PROGRAMS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "c
 pub const HIDE: &str = "Object.defineProperty(document, 'hidden', { value: true, configurable: true }); \
      document.dispatchEvent(new Event('visibilitychange')); delete document.hidden;";
 
+/// Functions over pictures for the page.
+const PICTURES: &str = include_str!("pictures.js");
+
 /// A browser with one page.
 pub struct Browser {
     _child: Killed,
@@ -248,15 +251,13 @@ impl Browser {
 
     /// Counts the pixels of a picture with about this colour, under any light.
     pub fn count_pixels(&mut self, picture: &str, near: [u8; 3]) -> u64 {
-        let count = self.evaluate_async(&format!(
-            "const image = new Image(); image.src = 'data:image/png;base64,{picture}'; await image.decode(); \
-             const canvas = new OffscreenCanvas(image.width, image.height), pen = canvas.getContext('2d'); \
-             pen.drawImage(image, 0, 0); const all = pen.getImageData(0, 0, image.width, image.height).data; let n = 0; \
-             const near = {near:?}, size = Math.hypot(...near); \
-             for (let i = 0; i < all.length; i += 4) {{ const own = Math.hypot(all[i], all[i + 1], all[i + 2]); \
-             const same = (all[i] * near[0] + all[i + 1] * near[1] + all[i + 2] * near[2]) / (own * size); \
-             if (own > 60 && same > 0.98) n += 1; }} return n;"
-        ));
+        let count = self.evaluate_async(&format!("{PICTURES} return countPixels('{picture}', {near:?});"));
+        count.as_u64().expect("a count")
+    }
+
+    /// Counts the pixels of a sparkline that have its own colour.
+    pub fn count_inked(&mut self, name: &str) -> u64 {
+        let count = self.evaluate_async(&format!("{PICTURES} return countInked('{name}');"));
         count.as_u64().expect("a count")
     }
 
@@ -268,20 +269,7 @@ impl Browser {
 
     /// Returns the difference of two pictures.
     pub fn difference(&mut self, before: &str, after: &str) -> Difference {
-        let numbers = self.evaluate_async(&format!(
-            "const pixels = async (picture) => {{ const image = new Image(); \
-             image.src = `data:image/png;base64,${{picture}}`; await image.decode(); \
-             const pen = new OffscreenCanvas(image.width, image.height).getContext('2d'); pen.drawImage(image, 0, 0); \
-             return pen.getImageData(0, 0, image.width, image.height); }}; \
-             const [a, b] = [await pixels('{before}'), await pixels('{after}')]; \
-             const [box, mean] = [[1e9, 1e9, -1, -1], [0, 0, 0]]; let n = 0; \
-             for (let i = 0; i < a.data.length; i += 4) {{ \
-             const off = [0, 1, 2].reduce((sum, k) => sum + Math.abs(a.data[i + k] - b.data[i + k]), 0); \
-             if (off < 24) continue; n += 1; const x = i / 4 % a.width, y = Math.floor(i / 4 / a.width); \
-             box[0] = Math.min(box[0], x); box[1] = Math.min(box[1], y); box[2] = Math.max(box[2], x); box[3] = Math.max(box[3], y); \
-             for (let k = 0; k < 3; k += 1) mean[k] += b.data[i + k]; }} \
-             return [n, ...box, ...mean.map((sum) => sum / Math.max(n, 1))];"
-        ));
+        let numbers = self.evaluate_async(&format!("{PICTURES} return difference('{before}', '{after}');"));
         let numbers: Vec<f64> = serde_json::from_value(numbers).expect("numbers");
         let [pixels, left, top, right, bottom, r, g, b] = numbers[..] else { panic!("{numbers:?}") };
         Difference { pixels: pixels as u64, edges: [left, top, right, bottom], mean: [r, g, b] }
