@@ -88,9 +88,9 @@ impl Summary {
     pub fn by_id(&self) -> BTreeMap<&'static str, u64> {
         let mut out = BTreeMap::new();
         for (kind, count) in KINDS.iter().zip(self.fired) {
-            let names = if kind.ids.is_empty() { std::slice::from_ref(&kind.name) } else { kind.ids };
+            let names = if kind.ids.is_empty() { std::slice::from_ref(&kind.name) } else { &kind.ids };
             for name in names {
-                *out.entry(*name).or_insert(0) += count;
+                *out.entry(name.as_str()).or_insert(0) += count;
             }
         }
         out

@@ -22,30 +22,6 @@ const BETWEEN_STORMS: u64 = 4500;
 /// Largest number of episodes in a storm.
 const STORM_MAX: usize = 8;
 
-/// Rare kinds, and the factor by which they are drawn more often. They act once per episode, or only if the
-/// robot happens to do what they wait for.
-const RARE: [(&str, usize); 19] = [
-    ("found-outside", 9),
-    ("found-close", 9),
-    ("joint-swings", 5),
-    ("target-late", 3),
-    ("kill-driver", 5),
-    ("kill-control", 5),
-    ("kill-ingest", 5),
-    ("kill-retarget", 5),
-    ("operator-gone", 8),
-    ("engage-elsewhere", 5),
-    ("reconnect", 5),
-    ("release", 5),
-    ("estop", 5),
-    ("estop-engaging", 5),
-    ("corrupt-skeleton", 5),
-    ("double-skeleton", 5),
-    ("reorder-skeleton", 5),
-    ("sequence-wrap", 5),
-    ("target-posture", 5),
-];
-
 /// Operator faults during an undisturbed engagement. Every second seed begins with one of these alone.
 const ALONE: [&str; 3] = ["estop-engaging", "estop", "release"];
 /// First and last tick of that fault. In a run that begins at rest, the first enable is refused, because the
@@ -77,8 +53,7 @@ pub fn draw(seed: u64, ticks: u64, kinds: &[usize], deal: &[usize]) -> Vec<Episo
         1 if !deal.is_empty() => deal,
         _ => kinds,
     };
-    let more = |kind: usize| RARE.iter().find(|(name, _)| *name == KINDS[kind].name).map_or(0, |(_, more)| *more);
-    let mut deck: Vec<usize> = drawn.iter().flat_map(|&kind| std::iter::repeat_n(kind, 1 + more(kind))).collect();
+    let mut deck: Vec<usize> = drawn.iter().flat_map(|&kind| std::iter::repeat_n(kind, 1 + KINDS[kind].more)).collect();
     deck.shuffle(&mut rng);
     let mut next = deal.iter().copied().chain(deck.into_iter().cycle());
     let mut episodes = Vec::new();

@@ -108,7 +108,7 @@ fn planted_bug_is_found_and_its_schedule_is_shrunk() {
     let found = fails(&all).expect("the bug is found");
     assert_eq!(found.invariant, "emergency stop");
     let (smallest, still) = simulate::shrink::smallest(&all, &found, fails);
-    let names: Vec<_> = smallest.iter().map(|episode| KINDS[episode.kind].name).collect();
+    let names: Vec<_> = smallest.iter().map(|episode| KINDS[episode.kind].name.as_str()).collect();
     assert_eq!(names, ["drop-target", "estop-chatter"], "{}", schedule::to_text(&smallest));
     assert_eq!(still.invariant, "emergency stop");
     let lengths: Vec<_> = smallest.iter().map(|episode| episode.ticks).collect();
@@ -121,7 +121,7 @@ fn campaign_of_every_scheduled_fault_breaks_no_promise() {
     let subject = subject();
     let sum = campaign::run(&subject, &plan(50, 11_000, 2), || {}).expect("a campaign");
     assert!(sum.failures.is_empty(), "{}", failures(&sum));
-    let missing: Vec<_> = sum.missing.iter().map(|&kind| KINDS[kind].name).collect();
+    let missing: Vec<_> = sum.missing.iter().map(|&kind| KINDS[kind].name.as_str()).collect();
     assert!(missing.is_empty(), "never fired: {missing:?}");
     let by_id = sum.by_id();
     for id in SHOWN {
