@@ -130,22 +130,13 @@ impl Near {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clearance::tests::shipped as model;
     use rand::{RngExt, SeedableRng};
 
     /// TIAGo++: the joints of its left arm.
     const LEFT_ARM: std::ops::Range<usize> = 3..10;
     /// TIAGo++: its lift.
     const TORSO: usize = 0;
-
-    fn model() -> Model {
-        Model::from_text(
-            "tiago_dual.toml",
-            include_str!("../../../config/robots/tiago_dual.toml"),
-            "tiago_dual.urdf",
-            include_str!("../../../config/robots/tiago_dual.urdf"),
-        )
-        .expect("the robot of the repository loads")
-    }
 
     #[test]
     fn joint_outside_limits_beyond_noise_is_named() {
