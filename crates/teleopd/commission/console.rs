@@ -5,7 +5,8 @@ use rt::{Shutdown, out};
 use std::fs::File;
 use std::io::{BufRead, IsTerminal, Write};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime};
+use time::{OffsetDateTime, macros::format_description};
 
 /// Polling period for signals while the person is asked.
 const LOOK: Duration = Duration::from_millis(50);
@@ -100,22 +101,14 @@ pub fn now_text() -> String {
 }
 
 fn time_text(at: SystemTime) -> String {
-    let since = at.duration_since(UNIX_EPOCH).unwrap_or_default();
-    let (days, second) = (since.as_secs() / 86_400, since.as_secs() % 86_400);
-    // Hinnant, chrono-compatible low-level date algorithms, civil_from_days: years begin in March.
-    let (era, day_of_era) = ((days + 719_468) / 146_097, (days + 719_468) % 146_097);
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let months = (5 * day_of_year + 2) / 153;
-    let (day, month) = (day_of_year - (153 * months + 2) / 5 + 1, (months + 2) % 12 + 1);
-    let date = format!("{}-{month:02}-{day:02}", year_of_era + 400 * era + u64::from(month <= 2));
-    let (hour, minute) = (second / 3600, second / 60 % 60);
-    format!("{date}T{hour:02}:{minute:02}:{:02}.{:03}Z", second % 60, since.subsec_millis())
+    let format = format_description!("[year]-[month]-[day]T[hour]:[minute]:[second].[subsecond digits:3]Z");
+    OffsetDateTime::from(at).format(format).unwrap_or_default()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::time::UNIX_EPOCH;
 
     #[test]
     fn times_are_written_as_dates_of_utc() {
