@@ -1,110 +1,31 @@
-//! The commands that README, CONTRIBUTING and book print. A test runs each of them, or a row here gives the reason and
+//! The commands that README, CONTRIBUTING and book print. A test runs each of them, or `commands.toml` gives the reason and
 //! the day of its last run. Such a day is that of the measurement in `docs/results`, or of the commit that printed the
 //! command.
 
 use crate::sources::{self, root, rust_files};
-use std::collections::BTreeSet;
+use serde::Deserialize;
+use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::LazyLock;
 
-/// Treatment of a command. A command in a block without a row runs to its end, which must be a success.
-#[derive(Clone, Copy, Debug)]
+/// Treatment of a command. A command in a block without a row in `commands.toml` runs to its end, which must be a success.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum How {
     /// Runs to its end with one of these exit codes, with more options.
-    Ends(&'static [i32], &'static str),
+    Ends(Vec<i32>, String),
     /// Runs beside the commands of this many blocks once it prints these words. Then it gets Ctrl-C. With more options.
-    Beside(&'static str, usize, &'static str),
+    Beside(String, usize, String),
     /// Is not run, for this reason. It last ran on this day. `--help` of a program of ours must name its options.
-    Listed(&'static str, &'static str),
+    Listed(String, String),
     /// Is run by a test in this file.
-    Tested(&'static str),
+    Tested(String),
 }
 use How::{Beside, Ends, Listed, Tested};
 
 /// A demo on a busy machine holds and continues. Exit code 2 means that it held for more than half of the motion.
 pub const DEMO: &[i32] = &[0, 2];
-const AT: &str = "--run-dir {work}/run";
-const MESHES: &str = "needs the maker's meshes";
-const NETWORK: &str = "needs a network";
-const ROOT: &str = "needs root. tests/systemd runs the units";
-
-/// Rows by the beginning of the command. The first match applies.
-const ROWS: [(&str, How); 73] = [
-    ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
-    ("cargo run --release -- demo --robot", Ends(DEMO, "")),
-    ("cargo run --release -- demo --motion", Ends(DEMO, "--seconds 3")),
-    ("cargo run --release -- demo", Ends(DEMO, "--seconds 3")),
-    ("cargo run --release -- up", Beside("READY", 3, AT)),
-    ("cargo run --release -p replay -- builtin --loop", Beside("until the robot is engaged", 1, AT)),
-    ("cargo run --release --bin teleopctl -- engage", Beside("the enable is held", 1, AT)),
-    ("python3 -m venv venv && venv/bin/pip install ./tools/clients/python", Tested("tests/clients.rs")),
-    ("venv/bin/teleopd-replay", Tested("tests/clients.rs")),
-    ("python3 -m venv venv && venv/bin/pip install target/dist", Tested("tests/package.rs")),
-    ("venv/bin/teleopd demo", Tested("tests/package.rs")),
-    ("python3 -m venv venv && venv/bin/pip install -r tools/peer", Tested("tests/ros2.rs")),
-    ("python3 tools/latency/plot.py latency.json latency.png", Listed("needs matplotlib", "2026-11-30")),
-    ("python3 -m teleopd.", Tested("crates/python/tests/all.rs")),
-    ("venv/bin/python tools/peer/peer.py", Tested("tests/ros2.rs")),
-    ("venv/bin/pip install ./tools/clients/lerobot", Tested("crates/python/tests/all.rs")),
-    ("venv/bin/lerobot-", Tested("crates/python/tests/all.rs")),
-    ("venv/bin/", Tested("tests/clients.rs")),
-    ("target/release/replay builtin:calibration", Beside("playing in a loop", 1, AT)),
-    ("target/release/teleopctl calibrate", Ends(&[0], "--folder {work} --run-dir {work}/run")),
-    ("cargo run --release -- view --meshes", Listed(MESHES, "2026-11-25")),
-    ("cargo run --release -- view --camera", Tested("tests/webcam.rs")),
-    ("cargo run --release -- view --https", Tested("tests/secure.rs")),
-    ("cargo run --release -- view", Beside("http://", 1, "--port 0")),
-    ("target/release/replay say \"clap\" --play", Ends(&[0], "-- --offline {work}/out.csv")),
-    ("cargo run --release -p replay -- batch", Ends(&[0], "")),
-    ("cargo run --release -p replay --example client", Tested("tests/clients.rs")),
-    ("cargo install", Listed(NETWORK, "2026-11-25")),
-    ("cargo build --release --workspace &&", Tested("tests/package.rs")),
-    ("sudo", Listed(ROOT, "2026-11-25")),
-    ("systemctl", Listed(ROOT, "2026-11-25")),
-    ("pip install", Listed(NETWORK, "2026-11-25")),
-    ("cargo zigbuild --profile wheel", Listed("needs zig, and minutes", "2026-11-30")),
-    ("cargo zigbuild", Listed("needs zig", "2026-11-25")),
-    ("cargo run --release -p dist -- --tarball", Listed("needs programs for an older glibc", "2026-11-25")),
-    ("cargo run --release -p dist -- --wheel", Tested("tests/package.rs")),
-    ("cargo build --profile wheel", Listed("builds everything again for many minutes", "2026-11-30")),
-    ("cargo run --release -p dist", Tested("tools/dist/tests/table.rs")),
-    ("cargo run --release -p collision -- fit --urdf target/own", Ends(&[0], "")),
-    ("cargo run --release -p collision -- limits", Ends(&[0], "--states 5000")),
-    ("cargo run --release -- doctor --robot", Ends(&[0, 3], "")),
-    ("cargo run --release -- doctor", Tested("tests/doctor.rs")),
-    ("cargo run --release -p collision -- fit", Listed(MESHES, "2026-11-25")),
-    ("cargo run --release -p collision -- cover FILE", Listed(MESHES, "2026-11-26")),
-    ("cargo run --release -p collision -- check", Listed(MESHES, "2026-11-25")),
-    ("cargo run --release -p train", Listed("takes a quarter of an hour", "2026-11-25")),
-    ("cargo run --release -p torture", Listed("takes ten minutes", "2026-11-24")),
-    ("cargo run --release -p simulate", Listed("takes minutes", "2026-11-24")),
-    ("cargo run --release -p chaos", Listed("takes minutes", "2026-11-25")),
-    ("cargo run --release -p latency", Listed("takes minutes", "2026-11-21")),
-    ("cargo run --release -p eval -- --human", Listed("compares with solvers for minutes", "2026-11-21")),
-    ("cargo run --release -p eval -- --following", Ends(&[0], "")),
-    ("cargo run --release -p bridge -- mvn", Tested("tools/bridge/tests/program.rs")),
-    ("cargo run --release -p rt --example wake", Listed("wants an idle machine", "2026-11-25")),
-    ("cargo test --release --workspace", Listed("runs this test", "2026-11-29")),
-    ("cargo test --release --test system lossy", Listed("needs root, nft(8) and minutes", "2026-11-26")),
-    ("cargo doc", Listed(".ci/run makes it, and checks it", "2026-11-28")),
-    ("cargo bench", Listed("wants an idle machine", "2026-11-25")),
-    ("cargo mutants", Listed("takes hours", "2026-11-22")),
-    ("cargo deny", Tested("tests/supply.rs")),
-    ("cargo metadata", Tested("tests/supply.rs")),
-    (".ci/advisories", Listed(NETWORK, "2026-11-21")),
-    (".ci/concurrency", Listed("needs other toolchains", "2026-11-21")),
-    (".ci/fuzz", Listed("takes minutes", "2026-11-27")),
-    (".ci/known_bugs", Listed("builds and runs each bug for minutes", "2026-11-27")),
-    (".ci/long", Listed("takes hours", "2026-11-24")),
-    (".ci/results", Listed("takes hours", "2026-11-24")),
-    ("mdbook", Listed("needs mdbook. tests/docs.rs follows the links", "2026-11-25")),
-    ("npm ci", Listed(NETWORK, "2026-11-27")),
-    ("ros2", Listed("needs ROS 2", "2026-11-26")),
-    ("teleopd-ros2 states", Tested("tests/ros2/states.rs")),
-    ("bin/teleopd", Listed("needs the archive of `dist --tarball`", "2026-11-25")),
-    (".ci/run", Listed("runs this test", "2026-11-25")),
-];
 
 /// Commands of the prose that run after those of the blocks.
 pub const OF_PROSE: [&str; 5] = [
@@ -122,14 +43,20 @@ pub const OWN_FILES: [&str; 3] = ["rm -rf target/own", "cp docs/robots/", "mv ta
 const OURS: &str = "\
     teleopd teleopctl replay record latency eval train collision torture simulate chaos teleop-bridge";
 
+/// The rows of `commands.toml`.
+static ROWS: LazyLock<Vec<(String, How)>> = LazyLock::new(|| {
+    let mut file: HashMap<String, Vec<_>> = toml::from_str(include_str!("commands.toml")).expect("rows");
+    file.remove("commands").expect("the one table")
+});
+
 /// Returns the row of a command.
 fn row(command: &str) -> Option<How> {
-    ROWS.iter().find(|(start, _)| command.starts_with(start)).map(|(_, how)| *how)
+    ROWS.iter().find(|(start, _)| command.starts_with(start)).map(|(_, how)| how.clone())
 }
 
 /// Returns the treatment of a command in a block.
 pub fn how(command: &str) -> How {
-    row(command).unwrap_or(Ends(&[0], ""))
+    row(command).unwrap_or_else(|| Ends(vec![0], String::new()))
 }
 
 /// Returns true if the command runs a program of ours.
@@ -245,7 +172,7 @@ fn commands_in_prose_are_run_or_listed() {
     for command in OF_PROSE {
         assert!(seen.contains(command), "{command} is in no document");
     }
-    for (start, how) in ROWS {
+    for (start, how) in ROWS.iter() {
         assert!(seen.iter().any(|command| command.starts_with(start)), "a row for no command: {start} {how:?}");
         match how {
             Tested(file) => assert!(root().join(file).exists(), "{start}: no {file}"),

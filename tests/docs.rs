@@ -164,9 +164,9 @@ impl Reader {
             }
             Ends(codes, more) => {
                 let (mut code, mut output) = (None, String::new());
-                for _ in 0..if codes == DEMO { DEMO_RUNS } else { 1 } {
+                for _ in 0..if *codes == *DEMO { DEMO_RUNS } else { 1 } {
                     let Some(program) = self.program(filled) else { return };
-                    (code, output) = self.end(command, program, more);
+                    (code, output) = self.end(command, program, &more);
                     if !output.contains(SUSPENDED) {
                         break;
                     }
@@ -176,12 +176,12 @@ impl Reader {
             }
             Beside(mark, blocks, more) => {
                 let mut program = self.program(filled).expect("a program");
-                program.args(words(&self.fill(more)));
+                program.args(words(&self.fill(&more)));
                 let (mut child, log) = self.start(program);
                 let mut ended = None;
                 let printed = within(WITHIN, || {
                     ended = child.try_wait().expect("it can be waited for");
-                    ended.is_some() || read(&log).contains(mark)
+                    ended.is_some() || read(&log).contains(&mark)
                 });
                 assert!(printed && ended.is_none(), "{command}: {ended:?}\n{}", read(&log));
                 self.beside.push_front((command.to_owned(), child, blocks));
@@ -193,7 +193,7 @@ impl Reader {
 
     /// Runs a program to its end, with more options. Returns its exit code and what it said.
     fn end(&mut self, command: &str, mut program: Command, more: &str) -> (Option<i32>, String) {
-        program.args(words(&self.fill(more)));
+        program.args(words(&self.fill(&more)));
         let (mut child, log) = self.start(program);
         let mut status = None;
         let ended = within(WITHIN, || {
