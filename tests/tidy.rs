@@ -2,6 +2,7 @@
 //! each other.
 
 use crate::sources::{self, metadata, root, rust_files};
+use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -13,76 +14,12 @@ const PURE: &str = "\
 /// Packages that a pure crate must not depend on, even indirectly.
 const NOT_FROM_PURE: [&str; 7] = ["rt", "bus", "iceoryx2", "libc", "tokio", "rustix", "getrandom"];
 
-/// For each crate: the packages of the workspace that it may depend on.
-const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
-    ("hazards", &[]),
-    ("messages", &[]),
-    ("schema", &[]),
-    ("perceptron", &[]),
-    ("robot", &["messages", "schema"]),
-    ("driver", &["messages"]),
-    ("plant", &["driver", "messages"]),
-    ("layouts", &["messages", "perceptron"]),
-    ("link", &["messages"]),
-    ("skeleton", &["messages"]),
-    ("retarget", &["messages", "perceptron", "robot", "schema"]),
-    ("follow", &["messages", "robot"]),
-    ("wbc", &["messages", "robot"]),
-    ("safety", &["messages", "robot", "schema"]),
-    ("checker", &["messages", "robot", "driver", "plant"]),
-    ("rt", &["messages"]),
-    ("bus", &["messages"]),
-    ("telemetry", &["messages", "rt"]),
-    ("doors", &["messages", "rt"]),
-    ("operator", &["messages", "doors", "rt", "safety"]),
-    ("motion", &["messages", "skeleton"]),
-    ("client", &["bus", "doors", "messages", "motion", "rt"]),
-    ("instance", &["bus", "messages", "robot"]),
-    ("ingest", &["layouts", "messages", "skeleton"]),
-    ("explain", &["messages", "robot", "safety", "skeleton"]),
-    (
-        "config",
-        &[
-            "driver", "ingest", "instance", "layouts", "messages", "plant", "retarget", "robot", "safety", "schema",
-            "skeleton",
-        ],
-    ),
-    ("control", &["driver", "follow", "messages", "retarget", "robot", "safety", "wbc"]),
-    (
-        "world",
-        &[
-            "messages", "robot", "driver", "layouts", "retarget", "follow", "wbc", "safety", "plant", "checker",
-            "motion", "bus", "client", "ingest", "config", "control", "explain", "skeleton",
-        ],
-    ),
-    ("teleopctl", &["bus", "config", "explain", "instance", "messages", "operator", "robot", "rt", "skeleton"]),
-    ("view", &["messages", "robot", "doors", "operator", "instance", "explain", "config", "bus", "rt"]),
-    ("poses", &["messages", "motion", "retarget", "robot", "rt"]),
-    ("python", &["config", "messages", "motion", "poses", "retarget", "robot", "rt", "world"]),
-    ("ros2", &["bus", "config", "driver", "instance", "messages", "robot", "rt", "safety", "teleopd"]),
-];
-
-/// For each tool and each crate for tests: the other ones that it may depend on. It may depend on every crate.
-const MAY_USE: &[(&str, &[&str])] = &[
-    ("harness", &["teleopd", "wait"]),
-    ("judge", &[]),
-    ("fuzz-targets", &["bridge"]),
-    ("bridge", &[]),
-    ("bundle", &["record", "replay", "teleopd"]),
-    ("canvas", &[]),
-    ("chaos", &["harness", "report", "teleopd"]),
-    ("collision", &[]),
-    ("dist", &["bridge", "latency", "record", "replay"]),
-    ("eval", &["replay", "report", "train"]),
-    ("latency", &["canvas", "harness", "report", "teleopd"]),
-    ("record", &["canvas"]),
-    ("replay", &["record"]),
-    ("report", &[]),
-    ("simulate", &["report"]),
-    ("torture", &["judge", "report"]),
-    ("train", &["report"]),
-    ("wait", &[]),
-];
+/// The packages of the workspace that each one may depend on.
+#[derive(Deserialize)]
+struct Tables {
+    may_depend_on: BTreeMap<String, BTreeSet<String>>,
+    may_use: BTreeMap<String, BTreeSet<String>>,
+}
 
 /// A pure crate's line that forbids the clocks, threads, locks and IO of `clippy.toml`. Nothing in the crate can allow
 /// them again.
@@ -117,13 +54,14 @@ fn graph() -> BTreeMap<String, BTreeSet<String>> {
 #[test]
 fn crates_depend_only_on_the_allowed_crates() {
     let graph = graph();
-    let tools: BTreeSet<&str> = MAY_USE.iter().map(|(tool, _)| *tool).chain(["teleopd"]).collect();
-    let ours: BTreeSet<&str> = MAY_DEPEND_ON.iter().map(|(package, _)| *package).chain(tools.iter().copied()).collect();
-    let crates = MAY_DEPEND_ON.iter().map(|row| (row, &ours));
-    for ((package, allowed), watched) in crates.chain(MAY_USE.iter().map(|row| (row, &tools))) {
-        let edges = graph.get(*package).unwrap_or_else(|| panic!("no package {package}: mend the table"));
+    let Tables { may_depend_on, may_use } = toml::from_str(include_str!("tidy.toml")).expect("the tables");
+    let tools: BTreeSet<&str> = may_use.keys().map(String::as_str).chain(["teleopd"]).collect();
+    let ours: BTreeSet<&str> = may_depend_on.keys().map(String::as_str).chain(tools.iter().copied()).collect();
+    let crates = may_depend_on.iter().map(|row| (row, &ours));
+    for ((package, allowed), watched) in crates.chain(may_use.iter().map(|row| (row, &tools))) {
+        let edges = graph.get(package).unwrap_or_else(|| panic!("no package {package}: mend the table"));
         for edge in edges.iter().filter(|edge| watched.contains(edge.as_str())) {
-            assert!(allowed.contains(&edge.as_str()), "{package} must not depend on {edge}");
+            assert!(allowed.contains(edge), "{package} must not depend on {edge}");
         }
     }
     let metadata = metadata();
