@@ -8,7 +8,7 @@ use messages::{CUSTOM_LAYOUTS, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout,
 use skeleton::DropReason;
 use std::sync::LazyLock;
 
-const FILES: [&str; 3] = [
+pub(crate) const FILES: [&str; 3] = [
     include_str!("../../../config/skeletons/zed_body_38.toml"),
     include_str!("../../../config/skeletons/openxr_fb_70.toml"),
     include_str!("../../../config/skeletons/smpl_y_up.toml"),
@@ -102,20 +102,4 @@ fn frame(config: &ingest::Config, rest: &[u8]) {
     if let Some(person) = out.skeleton {
         assert!(person.positions.iter().flatten().all(|x| x.is_finite()), "{:?}", person.positions);
     }
-}
-
-/// Returns every shipped file, a change of one, and a T-pose of local rotations with one changed word.
-pub(crate) fn seeds() -> Vec<Vec<u8>> {
-    let local = (raw_flag::ROTATIONS | raw_flag::LOCAL) as u8;
-    let mut seeds: Vec<Vec<u8>> = FILES.iter().map(|text| [&[0], text.as_bytes()].concat()).collect();
-    seeds.push(b"\x01\x00\x03\x40\x00\x02nan".to_vec());
-    for (number, joints) in [(1_u16, 22), (2, 24), (7, 55), (1024, 24)] {
-        let [low, high] = number.to_le_bytes();
-        seeds.push(vec![2, low, high, joints, local]);
-        seeds.push(vec![2, low, high, joints, local, 18, 1, 0, 0, 0x80, 0x3f]);
-    }
-    for (number, joints) in [(4, 33), (5, 32), (6, 23)] {
-        seeds.push(vec![2, number, 0, joints, 0, 60, 0, 0, 0, 0xc0, 0x7f]);
-    }
-    seeds
 }
