@@ -9,8 +9,9 @@ use crate::resample::STALE_NS;
 /// Time for which the input is observed, ns: half the blend in which a person may still let go, and long compared
 /// with a period at 15 Hz.
 const WATCHED_NS: u64 = 500_000_000;
-/// Shorter time if the input was steady not long ago, ns: three skeletons at 15 Hz. Only a gap came between.
-const WATCHED_AGAIN_NS: u64 = 200_000_000;
+/// Shorter time if the input was steady not long ago, ns: after a silence that is as long a skeleton is stale. Only a gap came
+/// between. Three skeletons must have come, and the newest of them no longer ago than the longest period.
+const WATCHED_AGAIN_NS: u64 = 100_000_000;
 /// Largest age of that steadiness, ns: as long as `safety` lets a gap last.
 const AGAIN_NS: u64 = 2_000_000_000;
 /// Longest mean period in that time, ns: that of 15 Hz, which webcams fall to in the dark, and 15 ms more over ten periods
@@ -51,12 +52,14 @@ impl Readiness {
     pub(crate) fn judge(&mut self, now: Stamp, in_use: [bool; ARMS], fresh: [bool; ARMS]) -> bool {
         let seen = in_use.contains(&true) && in_use == fresh;
         let again = self.ready_at != Stamp::NONE && self.begun.since(self.ready_at) <= AGAIN_NS;
+        let goes_on = self.count >= 2 && now.since(self.newest) <= PERIOD_MAX_NS;
+        let watched_ns = if again && goes_on { WATCHED_AGAIN_NS } else { WATCHED_NS };
         if in_use != self.in_use {
             (self.in_use, self.ready_at) = (in_use, Stamp::NONE);
             self.begin(now, self.newest);
         } else if !seen {
             self.begin(now, self.newest);
-        } else if now.since(self.begun) >= if again { WATCHED_AGAIN_NS } else { WATCHED_NS } {
+        } else if now.since(self.begun) >= watched_ns {
             let periods = u64::from(self.count);
             self.ready |= periods > 0 && self.newest.since(self.first) <= PERIOD_MAX_NS * periods;
             (self.begun, self.first, self.count) = (now, self.newest, 0);

@@ -184,7 +184,7 @@ fn target_holds_during_gap_and_fades_in_after_it() {
     assert_eq!(at(1990).target.dq, [0.0; messages::JOINTS_MAX]);
     // The person is used at once, and followed after the input has been steady.
     assert_eq!((at(2005).fresh, at(2005).target.flags), ([true; 2], 0));
-    assert_eq!((at(2190).target.flags, at(2210).target.flags), (0, target_flag::INPUT_FRESH));
+    assert_eq!((at(2090).target.flags, at(2110).target.flags), (0, target_flag::INPUT_FRESH));
     // Half a turn in a quarter of a second, eased, is at most 1.5 x 4 pi rad/s.
     let fastest = fastest(&outputs[2990..]);
     assert!(fastest < 1.5 * 2.0 * TAU, "{fastest} rad/s after the gap");
