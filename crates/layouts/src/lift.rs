@@ -10,10 +10,10 @@
 //! the arm's confidence, so that its last direction is not believed for long.
 //!
 //! ```text
-//! |turn of d_i| <= 12 rad/s dt clamp((50 - e_i) / 30, 0, 1),   E_i += (e_i - E_i) dt / 2 s,   confidence = 1 - E_i / 90
+//! |turn of d_i| <= 12 rad/s dt clamp((50 - e_i) / 30, 0, 1),   E_i += (e_i - E_i) dt / min(t, 2 s),   confidence = 1 - E_i / 90
 //! ```
 //!
-//! e_i is the expected angle of this image, degrees.
+//! e_i is the expected angle of this image, degrees. t is the time since the person's first image.
 //!
 //! A landmarker that guesses the size of people gives every body the same trunk. So it is the image that shows another person:
 //! its trunk's centre or size jumps.
@@ -71,6 +71,8 @@ pub struct LastImage {
     /// The trunk's centre of late.
     recent: [f64; 2],
     directions: [Vector3<f64>; ARM_LIMBS],
+    /// Time over which the doubt is known, s.
+    known_s: f64,
     doubt_rad: [f64; ARM_LIMBS],
 }
 
@@ -105,17 +107,18 @@ impl LastImage {
             let directions = std::array::from_fn(|i| lifted.directions[i]);
             let origin_ns = frame.header.origin.0;
             let trunk = self.trunk.filter(|_| person == self.person);
-            *self = Self { person, origin_ns, trunk, directions, doubt_rad: expected, ..*self };
+            *self = Self { person, origin_ns, trunk, directions, known_s: 0.0, doubt_rad: expected, ..*self };
             return;
         }
         self.origin_ns = self.origin_ns.max(frame.header.origin.0);
         let since_s = since_ns as f64 * 1e-9;
+        self.known_s = (self.known_s + since_s).min(DOUBT_S);
         for (i, expected) in expected.into_iter().enumerate() {
             let [sure, unsure] = DOUBT_RAD;
             let most = TURN_RAD_PER_S * since_s * ((unsure - expected) / (unsure - sure)).clamp(0.0, 1.0);
             lifted.directions[i] = turned(self.directions[i], lifted.directions[i], most);
             self.directions[i] = lifted.directions[i];
-            self.doubt_rad[i] += (expected - self.doubt_rad[i]) * (since_s / DOUBT_S).min(1.0);
+            self.doubt_rad[i] += (expected - self.doubt_rad[i]) * (since_s / self.known_s.max(1e-9));
         }
     }
 }
