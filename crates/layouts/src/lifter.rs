@@ -4,15 +4,17 @@
 //! ```text
 //! x = [(p - c) / s, visibility - 1/2, 2 c, ln s + 1.2, 10 ln(r / r_0)]
 //! (y_0, ..., y_7) = network(x),  d_i = y_i[0..3] / |y_i[0..3]|,  k_i = ln(1 + exp(y_i[3] + 2))
+//! k d = (k_i d_i + k'_i d'_i) / 2
 //! ```
 //!
 //! p are the points in heights of the image from its middle, x right, y down. c is the trunk's centre and s its size in the
 //! image. r are lengths over the trunk's. d_0 to d_5 are upper arms, forearms and hands, left first, in the trunk's axes
 //! (across to the left, up, ahead). d_6 and d_7 are across and up in the camera's axes (x right, y down, z away). k is the
-//! concentration of a density of von Mises and Fisher: the expected angle is sqrt(pi / 2 / k).
+//! concentration of a density of von Mises and Fisher: the expected angle is sqrt(pi / 2 / k). k' and d' are found in the mirror
+//! image, and mirrored back: where they disagree, k is smaller.
 
 use messages::named;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Unit, Vector3};
 use perceptron::{Dense, Perceptron, WeightsError, WriteError, must, must_match, sha256_hex};
 use serde::{Deserialize, Serialize};
 
@@ -72,6 +74,10 @@ const FAR: f32 = 5.0;
 const SIZE_MIN: f64 = 0.03;
 /// Shoulders' breadth that counts as the trunk's length where the trunk is foreshortened.
 const BREADTH: f64 = 1.2;
+/// Directions of arms and hands, left and right in turn. Then comes the trunk's across.
+const ARMS_AND_HANDS: usize = 6;
+/// Least concentration: as good as none.
+const CONCENTRATION_MIN: f64 = 1e-3;
 /// Width of the network's layers.
 pub const LIFTER_WIDTHS: [usize; 5] = [LIFTER_INPUTS, 200, 200, 200, LIFTER_OUTPUTS];
 /// Name of the network in its file.
@@ -166,9 +172,31 @@ impl Lifted {
         Some(lifted)
     }
 
+    /// The same of the mirror image.
+    #[must_use]
+    pub fn mirrored(&self) -> Self {
+        let other = |i: usize| if i < ARMS_AND_HANDS { i ^ 1 } else { i };
+        let mut directions: [Vector3<f64>; DIRECTIONS] =
+            std::array::from_fn(|i| self.directions[other(i)].component_mul(&Vector3::new(-1.0, 1.0, 1.0)));
+        // The trunk's across points to the left of the person in the mirror, too.
+        directions[ARMS_AND_HANDS] *= -1.0;
+        Self { directions, concentrations: std::array::from_fn(|i| self.concentrations[other(i)]) }
+    }
+
+    /// Mean of two estimates of one person, weighted by their concentrations. `None` if two directions are opposite.
+    fn mixed(&self, other: &Self) -> Option<Self> {
+        let mut out = *self;
+        for i in 0..DIRECTIONS {
+            let [own, its] = [self, other].map(|it| it.directions[i] * it.concentrations[i].max(CONCENTRATION_MIN));
+            let (direction, sum) = Unit::try_new_and_get(own + its, CONCENTRATION_MIN)?;
+            (out.directions[i], out.concentrations[i]) = (direction.into_inner(), sum / 2.0);
+        }
+        Some(out)
+    }
+
     /// Expected angle between direction i and the truth, rad: sqrt(pi / 2 / k).
     pub fn expected_rad(&self, i: usize) -> f64 {
-        (std::f64::consts::FRAC_PI_2 / self.concentrations[i].max(1e-3)).sqrt()
+        (std::f64::consts::FRAC_PI_2 / self.concentrations[i].max(CONCENTRATION_MIN)).sqrt()
     }
 
     /// The trunk's axes in those of the camera: columns across, up, ahead. `None` if across and up are parallel.
@@ -244,7 +272,8 @@ impl Lifter {
 
     /// Lifts one image. `None` without shoulders and hips, or if a number is not finite. Never allocates or panics.
     pub fn lift(&self, image: &ImagePoints, lengths: Option<[f64; LENGTHS]>) -> Option<Lifted> {
-        let inputs = image.inputs(lengths)?;
-        Lifted::new(&self.network.forward::<LIFTER_INPUTS, LIFTER_OUTPUTS, 1>(&[inputs])[0])
+        let inputs = [image.inputs(lengths)?, image.mirrored().inputs(lengths)?];
+        let [own, other] = self.network.forward::<LIFTER_INPUTS, LIFTER_OUTPUTS, 2>(&inputs);
+        Lifted::new(&own)?.mixed(&Lifted::new(&other)?.mirrored())
     }
 }

@@ -4,7 +4,7 @@ use crate::before_camera::frame;
 use crate::salt::Chance;
 use layouts::{
     DIRECTIONS, ImagePoints, LIFTER_OUTPUTS, LIFTER_WIDTHS, LastImage, Layouts, Lifted, Lifter, LifterManifest, Map,
-    POINTS,
+    POINTS, Point,
 };
 use messages::{Layout, RawSkeleton, SkeletonLayout, Smpl, Stamp, raw_flag};
 use nalgebra::Vector3;
@@ -26,17 +26,36 @@ const PERSON: [[f32; 3]; DIRECTIONS] = [
     [0.0, -1.0, 0.0],
 ];
 
-/// Layers that give `PERSON` with these concentrations, whatever the image.
-fn layers(concentrations: [f64; DIRECTIONS]) -> Vec<Dense> {
+/// Layers that give a person with these concentrations where the right little finger is hidden, and the mirror image where
+/// the left one is: a hidden unit and its opposite carry the difference of what is seen, since silu(z) - silu(-z) = z.
+fn layers_of(person: &[[f32; 3]; DIRECTIONS], concentrations: [f64; DIRECTIONS]) -> Vec<Dense> {
     let dense =
         |w: &[usize]| Dense { inputs: w[0], outputs: w[1], weight: vec![0.0; w[0] * w[1]], bias: vec![0.0; w[1]] };
     let mut layers: Vec<Dense> = LIFTER_WIDTHS.windows(2).map(dense).collect();
+    let fingers = [Point::LeftPinky, Point::RightPinky].map(|point| 2 * POINTS + point as usize);
+    for (layer, from) in layers.iter_mut().zip([fingers, [0, 1], [0, 1]]) {
+        for (row, column) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            layer.weight[row * layer.inputs + from[column]] = if row == column { 1.0 } else { -1.0 };
+        }
+    }
+    let directions = person.map(|d| Vector3::from(d).map(f64::from));
+    let own = Lifted { directions, concentrations };
     let last = layers.last_mut().expect("layers");
-    for (i, (direction, k)) in PERSON.iter().zip(concentrations).enumerate() {
-        last.bias[4 * i..4 * i + 3].copy_from_slice(&direction.map(|x| 0.5 * x));
-        last.bias[4 * i + 3] = (k.exp_m1().ln() - 2.0) as f32;
+    let outputs = [own, own.mirrored()].map(|it| {
+        let k = it.concentrations.map(|k| (k.exp_m1().ln() - 2.0) as f32);
+        std::array::from_fn::<f32, LIFTER_OUTPUTS, _>(|n| {
+            if n % 4 == 3 { k[n / 4] } else { 0.5 * it.directions[n / 4][n % 4] as f32 }
+        })
+    });
+    for (n, (own, other)) in outputs[0].into_iter().zip(outputs[1]).enumerate() {
+        last.bias[n] = (own + other) / 2.0;
+        (last.weight[n * 200], last.weight[n * 200 + 1]) = ((own - other) / 2.0, (other - own) / 2.0);
     }
     layers
+}
+
+fn layers(concentrations: [f64; DIRECTIONS]) -> Vec<Dense> {
+    layers_of(&PERSON, concentrations)
 }
 
 fn lifted(lifter: &Lifter, layouts: &Layouts, raw: &RawSkeleton) -> RawSkeleton {
@@ -96,7 +115,7 @@ fn mirrored_image_shows_the_same_person() {
             _ => other,
         };
         let [x, y, z] = raw.positions[other];
-        mirrored.positions[n] = [-x, y, z];
+        (mirrored.positions[n], mirrored.confidence[n]) = ([-x, y, z], raw.confidence[other]);
     }
     assert_eq!(map.image(&mirrored), map.image(&raw));
 }
@@ -190,9 +209,9 @@ fn film(networks: &[&Lifter]) -> Vec<(Vector3<f32>, f32)> {
 
 /// A network whose left upper arm points up, with this concentration.
 fn raised(concentration: f64) -> Lifter {
-    let mut layers = layers([concentration; DIRECTIONS]);
-    layers[3].bias[..3].copy_from_slice(&[0.0, 1.0, 0.0]);
-    Lifter::new(&layers)
+    let mut person = PERSON;
+    person[0] = [0.0, 1.0, 0.0];
+    Lifter::new(&layers_of(&person, [concentration; DIRECTIONS]))
 }
 
 #[test]
