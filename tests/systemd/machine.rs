@@ -106,8 +106,10 @@ impl Machine {
         self.wait_until(&format!("{unit} with {property}={value}"), || self.property(manager, unit, property) == value);
     }
 
+    /// Waits four times as long as other tests: all processes of the machine are in a session of their own, which shares a busy
+    /// computer with the other sessions.
     pub fn wait_until(&self, what: &str, done: impl FnMut() -> bool) {
-        assert!(soon(done), "never {what}: {}", self.console());
+        assert!(within(4 * SOON, done), "never {what}: {}", self.console());
     }
 
     /// Returns the figures that a process left in the run folder.
