@@ -96,8 +96,7 @@ const SECOND: &str = include_str!("clients/second.py");
 /// the first one stops the robot.
 #[test]
 fn f138_policy_of_the_book_leads_until_it_ends() {
-    let book = std::fs::read_to_string(repository().join("docs/src/policies.md")).expect("the chapter");
-    let program = book.split("```python\n").nth(1).and_then(|rest| rest.split("```").next()).expect("a program");
+    let program = crate::policies::book_block("python", 0);
     let program = format!("import sys\n{}", program.replace("Policy(joints", "Policy(sys.argv[1], joints"));
     in_real_time(|| {
         let Some(python) = python_or_skip() else { return };

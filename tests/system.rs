@@ -16,6 +16,7 @@ mod first_minutes;
 mod headset;
 mod key_poses;
 mod landmarks;
+mod policies;
 mod resources;
 mod ros2;
 mod secure;

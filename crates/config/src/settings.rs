@@ -48,7 +48,7 @@ schema::table! {
 schema::table! {
     /// Each socket belongs to a group. With an empty name, it belongs to the group of the daemon's process.
     pub struct DoorSettings {
-        /// Group whose members may publish skeletons through `skeleton.sock`. `""` is the group of the daemon's process.
+        /// Group whose members may publish skeletons, and chunks of a policy, through `skeleton.sock`. `""` is the group of the daemon's process.
         skeleton_group: String = String::new();
         /// Group whose members may command through `operator.sock`. `""` is the group of the daemon's process.
         operator_group: String = String::new();

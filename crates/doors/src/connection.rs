@@ -1,6 +1,7 @@
 //! State of one connection.
 
 use crate::protocol::{Reply, ReplyPacket};
+use crate::server::FrameSource;
 use messages::{Bucket, Stamp};
 use rt::Peer;
 use rustix::net::{self, SendFlags};
@@ -18,6 +19,8 @@ pub(crate) struct Connection {
     /// The session number, or 0 before the hello.
     pub(crate) session_nonce: u64,
     pub(crate) requests_feedback: bool,
+    /// It is a policy's, which sends and gets JSON.
+    pub(crate) is_policy: bool,
     pub(crate) since: Stamp,
     pub(crate) heard: Stamp,
     pub(crate) bucket: Bucket,
@@ -37,6 +40,7 @@ impl Connection {
             connection,
             session_nonce: 0,
             requests_feedback: false,
+            is_policy: false,
             since: now,
             heard: now,
             bucket: Bucket::default(),
@@ -45,6 +49,10 @@ impl Connection {
             standing: None,
             quota_sent: None,
         }
+    }
+
+    pub(crate) fn source(&self) -> FrameSource {
+        FrameSource { connection: self.connection, peer: self.peer, session_nonce: self.session_nonce }
     }
 
     /// Sends `word`. A client that does not read loses it.

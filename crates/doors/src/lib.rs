@@ -7,7 +7,8 @@
 //! (SO_PEERCRED, SO_PEERGROUPS). So a file whose mode was loosened admits no other user.
 //!
 //! A skeleton client first sends a `Hello` with its layout. `Server` replies with a session number drawn for this
-//! connection, or with the reason for a refusal. Then every packet is one `RawSkeleton`. This crate does not
+//! connection, or with the reason for a refusal. Then every packet is one `RawSkeleton`. A policy's first packet is
+//! `POLICY_HELLO`. Then every packet is one chunk as JSON, and the joints come back as JSON. This crate does not
 //! decide which of several clients moves the robot. `ingest::Authority` does.
 
 mod client;
@@ -17,6 +18,7 @@ mod frame;
 mod group;
 mod listener;
 mod nonce;
+mod policy;
 mod protocol;
 mod server;
 
@@ -27,5 +29,6 @@ pub use group::{group_id, user_name};
 pub use listener::{Admission, Listener, connect};
 pub use messages::{BURST, Bucket, RATE_MAX_HZ};
 pub use nonce::draw_nonce;
+pub use policy::{NoChunk, POLICY_BYTES_MAX, POLICY_HELLO, chunk_from_json, drop_as_json};
 pub use protocol::{ANSWER_BYTES, HELLO_BYTES, Hello, REQUESTS_FEEDBACK, Reply, ReplyPacket};
 pub use server::{CONNECTIONS_MAX, FrameSource, HELLO_WITHIN_NS, IDLE_NS, LeaseState, Server, SocketEvent};

@@ -5,12 +5,13 @@ use crate::error::DoorError;
 use crate::frame::{FRAME_BYTES, decode_frame};
 use crate::listener::{Admission, Listener};
 use crate::nonce::draw_nonce;
+use crate::policy::{POLICY_BYTES_MAX, POLICY_HELLO, joints_as_json};
 use crate::protocol::{FEEDBACK_BYTES, HELLO_BYTES, Hello, Reply, ReplyPacket};
-use messages::{Feedback, Layout, RawSkeleton, Stamp};
+use messages::{Feedback, Joints, Layout, RawSkeleton, Stamp};
 use rt::Peer;
 use rustix::io::Errno;
 use rustix::net::{self, RecvFlags, SendFlags};
-use std::os::fd::{AsFd, BorrowedFd};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::Path;
 
 /// Largest number of connections at once.
@@ -26,8 +27,9 @@ pub const IDLE_NS: u64 = 5_000_000_000;
 const DRAIN_MAX: usize = 32;
 /// Notices that are kept until they are taken. Further ones are only counted.
 const EVENTS_MAX: usize = 16;
-/// Send buffer of a client that requested feedback: some packets of it, with what the kernel adds to each.
+/// Send buffer of a client that gets feedback, or joints: some packets of it, with what the kernel adds to each.
 const FEEDBACK_BUFFER_BYTES: usize = 4096;
+const JOINTS_BUFFER_BYTES: usize = 16384;
 /// One byte more than a frame, so that a longer packet shows.
 const BUFFER_BYTES: usize = FRAME_BYTES + 1;
 const DAEMON: &str = "teleopd ingest";
@@ -67,6 +69,8 @@ pub struct Server {
     listener: Listener,
     seats: [Option<Connection>; CONNECTIONS_MAX],
     buffers: Box<[[u8; BUFFER_BYTES]; CONNECTIONS_MAX]>,
+    /// A policy's message, with a byte more, so that a longer one shows. Empty if no policy is admitted.
+    text: Vec<u8>,
     /// The seat whose frame was the last one of the lease holder. It is served first.
     holder: usize,
     connections: u64,
@@ -84,12 +88,57 @@ impl Server {
             listener,
             seats: [const { None }; CONNECTIONS_MAX],
             buffers: buffers.try_into().expect("as many as there are places"),
+            text: Vec::new(),
             holder: 0,
             connections: 0,
             over_quota: 0,
             replies: [0; Reply::ALL.len()],
             events: [None; EVENTS_MAX],
         })
+    }
+
+    /// Admits policies too. [`Server::poll_policies`] then reads them.
+    #[must_use]
+    pub fn with_policies(self) -> Self {
+        Self { text: vec![0; POLICY_BYTES_MAX + 1], ..self }
+    }
+
+    /// Reads what policies sent. `use_text` gets each message, or `None` for one beyond the rate of its connection. It returns an
+    /// answer, if there is one.
+    pub fn poll_policies(
+        &mut self,
+        now: Stamp,
+        mut use_text: impl FnMut(FrameSource, Option<&[u8]>) -> Option<String>,
+    ) {
+        for place in &mut self.seats {
+            let due = place.as_ref().is_some_and(|seat| seat.is_policy && seat.muted_until <= now);
+            for _ in 0..if due { DRAIN_MAX } else { 0 } {
+                let Some(seat) = place else { break };
+                match net::recv(&seat.socket, &mut self.text[..], RecvFlags::DONTWAIT) {
+                    Ok((length @ 1.., _)) => {
+                        let admitted = seat.bucket.admit(now);
+                        seat.heard = now;
+                        if !admitted {
+                            seat.muted_until = seat.bucket.next();
+                        }
+                        if let Some(answer) = use_text(seat.source(), admitted.then_some(&self.text[..length])) {
+                            send_text(&seat.socket, &answer);
+                        }
+                    }
+                    Err(Errno::INTR | Errno::CONNRESET) => {}
+                    Err(Errno::AGAIN) => break,
+                    Ok(_) | Err(_) => *place = None,
+                }
+            }
+        }
+    }
+
+    /// Sends the joints to every policy, without waiting. `names` are those of the robot's joints.
+    pub fn tell_policies(&self, joints: &Joints, names: &[String]) {
+        let mut text = None;
+        for seat in self.seats.iter().flatten().filter(|seat| seat.is_policy) {
+            send_text(&seat.socket, text.get_or_insert_with(|| joints_as_json(joints, names)));
+        }
     }
 
     /// Reads what has arrived, the holder's connection first, and then accepts new connections. It hands the
@@ -204,7 +253,7 @@ impl Server {
     ) -> Result<(), Option<Reply>> {
         match &self.seats[index] {
             Some(seat) if seat.session_nonce == 0 => self.greet(index, now, held),
-            Some(seat) if seat.muted_until <= now => self.drain(index, now, use_frame),
+            Some(seat) if seat.muted_until <= now && !seat.is_policy => self.drain(index, now, use_frame),
             _ => Ok(()),
         }
     }
@@ -215,6 +264,13 @@ impl Server {
         let mut bytes = [0; HELLO_BYTES + 1];
         match net::recv(&seat.socket, &mut bytes[..], RecvFlags::DONTWAIT) {
             Ok((0, _)) => Err(None),
+            Ok((length, _)) if !self.text.is_empty() && bytes[..length] == *POLICY_HELLO => {
+                (seat.session_nonce, seat.heard, seat.is_policy) = (draw_nonce(), now, true);
+                let _ = net::sockopt::set_socket_send_buffer_size(&seat.socket, JOINTS_BUFFER_BYTES);
+                let peer = seat.peer;
+                self.record(Reply::Granted, peer);
+                Ok(())
+            }
             Ok((length, _)) => match Hello::refusal(&bytes[..length]) {
                 Some(word) => Err(Some(word)),
                 None => {
@@ -296,10 +352,13 @@ fn deliver(
     if frame.session_nonce != seat.session_nonce {
         return Err(Some(Reply::ForgedSession));
     }
-    let arrival = FrameSource { connection: seat.connection, peer: seat.peer, session_nonce: seat.session_nonce };
-    let standing = use_frame(arrival, &frame);
+    let standing = use_frame(seat.source(), &frame);
     seat.send_standing(now, if standing == LeaseState::Holder { Reply::Holder } else { Reply::NotHolder });
     Ok(standing == LeaseState::Holder)
+}
+
+fn send_text(socket: &OwnedFd, text: &str) {
+    let _ = net::send(socket, text.as_bytes(), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
 }
 
 fn place(word: Reply) -> usize {

@@ -2,9 +2,9 @@
 
 use doors::{
     BURST, CONNECTIONS_MAX, Client, DoorError, FRAME_BYTES, FrameSource, HELLO_WITHIN_NS, Hello, IDLE_NS, LeaseState,
-    Reply, ReplyPacket, Server, encode_frame,
+    POLICY_HELLO, Reply, ReplyPacket, Server, encode_frame,
 };
-use messages::{Feedback, Layout, RawSkeleton, Stamp};
+use messages::{Feedback, Joints, Layout, RawSkeleton, Stamp};
 use rustix::io::Errno;
 use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketType};
 use std::os::fd::OwnedFd;
@@ -364,4 +364,33 @@ fn feedback_reaches_the_client_that_requests_it_alone() {
     let waiting = std::iter::from_fn(|| rustix::net::recv(&raw.socket, &mut bytes[..], RecvFlags::DONTWAIT).ok());
     let waiting = waiting.count();
     assert!((2..=10).contains(&waiting), "{waiting} packets");
+}
+
+#[test]
+fn f023_policy_gets_joints_and_answers_and_messages_beyond_the_rate_are_dropped() {
+    let mut house = House::new();
+    let refused = house.raw();
+    refused.send(POLICY_HELLO);
+    (0..2).for_each(|_| house.poll());
+    assert_eq!(refused.last_reply(), Some(Reply::NoHello), "a link's end admits no policy");
+    house.server = house.server.with_policies();
+    let policy = house.raw();
+    policy.send(POLICY_HELLO);
+    (0..2).for_each(|_| house.poll());
+    house.server.tell_policies(&Joints::ZERO, &["a".to_owned()]);
+    (0..10).for_each(|_| policy.send(b"a chunk"));
+    let mut used = Vec::new();
+    house.server.poll_policies(house.now, |_, text| {
+        used.push(text.is_some());
+        Some("an answer".to_owned())
+    });
+    assert_eq!(used, (0..10).map(|i| i < BURST).collect::<Vec<_>>());
+    let mut bytes = [0; 4096];
+    let heard = std::iter::from_fn(|| rustix::net::recv(&policy.socket, &mut bytes[..], RecvFlags::DONTWAIT).ok());
+    assert_eq!(heard.count(), 11);
+    assert_eq!(bytes[..9], *b"an answer");
+    drop(policy);
+    house.later(MS * 100);
+    house.server.poll_policies(house.now, |_, _| None);
+    assert_eq!(house.server.connections(), 0);
 }

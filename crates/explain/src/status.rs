@@ -89,11 +89,7 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
     let arms = |bits: u32| [(1, "left"), (2, "right")].into_iter().filter(move |(side, _)| bits & side != 0);
     all["left_out"] = arms(status.left_out).map(|(_, name)| name).collect();
     all["unseen"] = arms(status.left_out >> 2).map(|(_, name)| name).collect();
-    let leader = |side: usize| match status.sources {
-        sources if sources & source_flag::PERSON[side] != 0 => Some("person"),
-        sources if sources & source_flag::POLICY[side] != 0 => Some("policy"),
-        _ => None,
-    };
+    let leader = |side| source_flag::leader(status.sources, side);
     all["led_by"] = json!({ "left": leader(0), "right": leader(1) });
     all
 }

@@ -21,6 +21,12 @@ pub mod source_flag {
     pub const PERSON: [u32; 2] = [1, 2];
     /// A policy leads the left, the right arm.
     pub const POLICY: [u32; 2] = [4, 8];
+
+    /// Names the leader of the left (0) or right (1) arm.
+    pub fn leader(sources: u32, side: usize) -> Option<&'static str> {
+        let all = [(PERSON[side], "person"), (POLICY[side], "policy")];
+        all.into_iter().find(|(bit, _)| sources & bit != 0).map(|(_, name)| name)
+    }
 }
 
 message! {

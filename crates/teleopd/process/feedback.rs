@@ -23,8 +23,8 @@ const DROPPED_NOW_NS: u64 = 1_000_000_000;
 /// Silence of `control` or of the driver after which nothing is known of it, ns. Status comes 50 times a second.
 const SILENT_NS: u64 = 500_000_000;
 
-/// The newest feedback that the socket has not sent yet.
-type Slot = Mutex<Option<Feedback>>;
+/// The newest messages that the socket has not sent yet.
+type Slots = (Mutex<Option<Feedback>>, Mutex<Option<Joints>>);
 
 /// Chunks of policies that were dropped: the time of the newest, its reason plus one, and how many there were of each reason.
 #[derive(Default)]
@@ -46,7 +46,7 @@ impl Dropped {
 
 /// The running thread. It ends, and leaves nothing in shared memory, when this is dropped.
 pub struct FeedbackThread {
-    slot: Arc<Slot>,
+    slots: Arc<Slots>,
     pub dropped: Arc<Dropped>,
     _thread: Option<Background>,
 }
@@ -54,15 +54,20 @@ pub struct FeedbackThread {
 impl FeedbackThread {
     /// Returns feedback that is new. Never waits.
     pub fn take(&self) -> Option<Feedback> {
-        self.slot.try_lock().ok()?.take()
+        self.slots.0.try_lock().ok()?.take()
+    }
+
+    /// Returns joints that are new. Never waits.
+    pub fn take_joints(&self) -> Option<Joints> {
+        self.slots.1.try_lock().ok()?.take()
     }
 }
 
 /// Starts the thread. Skeletons do not depend on it: if it cannot start, for example because a
 /// client has taken the service's place, `ingest` says so and goes on without.
 pub fn start(process: &Process) -> FeedbackThread {
-    let (slot, dropped) = (Arc::new(Slot::default()), Arc::new(Dropped::default()));
-    let (own, drops, instance) = (slot.clone(), dropped.clone(), process.instance.clone());
+    let (slots, dropped) = (Arc::<Slots>::default(), Arc::new(Dropped::default()));
+    let (own, drops, instance) = (slots.clone(), dropped.clone(), process.instance.clone());
     let (model, header) = (process.loaded.model.clone(), process.header(0, Stamp::NONE, Stamp::NONE));
     let work = move |ends: &AtomicBool| match Ports::open(&instance) {
         Ok(ports) => run(ports, &model, header, (&own, &drops), ends),
@@ -70,7 +75,7 @@ pub fn start(process: &Process) -> FeedbackThread {
     };
     let thread = Background::start("feedback", work);
     let thread = thread.map_err(|error| tracing::warn!("clients get no feedback: {error}")).ok();
-    FeedbackThread { slot, dropped, _thread: thread }
+    FeedbackThread { slots, dropped, _thread: thread }
 }
 
 /// The thread's ends of the services. They must stay in the thread that opened them.
@@ -100,7 +105,7 @@ impl Ports {
     }
 }
 
-fn run(mut ports: Ports, model: &Model, mut header: Header, (slot, drops): (&Slot, &Dropped), ends: &AtomicBool) {
+fn run(mut ports: Ports, model: &Model, mut header: Header, (slots, drops): (&Slots, &Dropped), ends: &AtomicBool) {
     let (arm, names) = (ArmModel::from_model(model), Names::from_model(model));
     let (mut status, mut state, mut target) = (None::<Status>, None::<RobotState>, None::<JointTarget>);
     let mut policy = None::<JointTarget>;
@@ -136,6 +141,9 @@ fn run(mut ports: Ports, model: &Model, mut header: Header, (slot, drops): (&Slo
         joints.chunks_dropped = drops.counts();
         // Nobody may listen. The next one comes in 10 ms.
         let _ = ports.joints.publish(&joints);
+        if let Ok(mut newest) = slots.1.lock() {
+            *newest = Some(joints);
+        }
         if round % FEEDBACK_EVERY != 0 {
             continue;
         }
@@ -148,7 +156,7 @@ fn run(mut ports: Ports, model: &Model, mut header: Header, (slot, drops): (&Slo
         }
         feedback.header = header;
         let _ = ports.feedback.publish(&feedback);
-        if let Ok(mut newest) = slot.lock() {
+        if let Ok(mut newest) = slots.0.lock() {
             *newest = Some(feedback);
         }
     }

@@ -7,7 +7,7 @@ use super::{Process, bus_failure, door_group};
 use crate::cli::InstanceArgs;
 use bus::{Domain, Sample, WakingReader, Writer};
 use config::{HandOff, Operators};
-use doors::{DoorError, FrameSource, LeaseState, Reply, Server, SocketEvent};
+use doors::{DoorError, FrameSource, LeaseState, NoChunk, Reply, Server, SocketEvent};
 use ingest::{ClientIdentity, PolicyState};
 use messages::{
     ChunkDrop, InputStatus, Layout, PolicyChunk, RawSkeleton, RobotId, Service, Skeleton, Stamp, TICK_HZ, deadline,
@@ -19,8 +19,8 @@ use skeleton::DropReason;
 use std::time::Duration;
 use telemetry::{Counter, Event, Metric};
 
-/// Longest wait for input before the loop continues: a tenth of the shortest lease timeout.
-const WAIT: Duration = Duration::from_millis(10);
+/// Longest wait for input before the loop continues: half the period of the joints.
+const WAIT: Duration = Duration::from_millis(5);
 
 /// Time between two `InputStatus`: ten a second.
 const STATUS_EVERY_NS: u64 = 100_000_000;
@@ -37,7 +37,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let skeletons = core.writer::<Skeleton>(Service::Skeleton).map_err(bus_failure)?;
     let statuses = core.writer::<InputStatus>(Service::InputStatus).map_err(bus_failure)?;
     // Opened last. The socket belongs to this process, because it is now the only writer of skeletons.
-    let mut socket = Server::bind(&process.instance.skeleton_socket(), group).map_err(door_failure)?;
+    let mut socket = Server::bind(&process.instance.skeleton_socket(), group).map_err(door_failure)?.with_policies();
 
     // Left behind by a killed end of a link. The sockets here are this instance's now.
     let _ = std::fs::remove_file(process.instance.run_dir().join(doors::LINK_FILE));
@@ -88,9 +88,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         rt::allocating_aside(|| {
             chunks.drain(|sample| rt::allocating_ourselves(|| ingest_loop.policy.receive(&mut process, &sample)))
         });
-        if let Some(feedback) = ingest_loop.policy.feedback.take() {
-            socket.feed_back(&feedback);
-        }
+        socket.poll_policies(now, |from, text| ingest_loop.policy.receive_text(&mut process, from, text));
         ingest_loop.report(&mut process, &mut socket);
         ingest_loop.publish_status(&mut process);
         process.alive();
@@ -137,26 +135,57 @@ struct PolicyDoor {
 impl PolicyDoor {
     /// Passes on a chunk of the policy that holds the lease. Any other is counted, and reported to policies and to the log.
     fn receive(&mut self, process: &mut Process, sample: &Sample<PolicyChunk>) {
-        let (now, raw) = (rt::now(), &sample.message);
-        let judged = match self.lease.claim(now, sample, raw.session_nonce) {
-            None => Err(ChunkDrop::Quota),
-            Some(claim) if !self.lease.admits(process, now, claim, "policies") => Err(ChunkDrop::Lease),
-            Some(_) => self.state.judge(self.robot, now, raw),
+        let (now, raw) = (rt::now(), sample.message);
+        let claim = self.lease.claim(now, sample, raw.session_nonce);
+        let _ = self.pass_on(process, now, claim, Ok(raw));
+    }
+
+    /// Does the same with a message of the socket, which keeps their order. Returns the answer to one that is dropped.
+    fn receive_text(&mut self, process: &mut Process, from: FrameSource, text: Option<&[u8]>) -> Option<String> {
+        let (now, names) = (rt::now(), &process.loaded.model.joint_names);
+        let parsed = rt::allocating_aside(|| doors::chunk_from_json(text.unwrap_or_default(), names, self.robot, now));
+        let chunk = parsed.map(|chunk| PolicyChunk { session_nonce: from.session_nonce, ..chunk });
+        self.lease.over_quota += u64::from(text.is_none());
+        let dropped = self.pass_on(process, now, text.map(|_| identity(from)), chunk).err()?;
+        Some(rt::allocating_aside(|| doors::drop_as_json(&dropped)))
+    }
+
+    /// Passes on a chunk of `claim`. `None` is one that sent more than its quota.
+    fn pass_on(
+        &mut self,
+        process: &mut Process,
+        now: Stamp,
+        claim: Option<ClientIdentity>,
+        chunk: Result<PolicyChunk, NoChunk>,
+    ) -> Result<(), NoChunk> {
+        let known = |reason: ChunkDrop| (reason, reason.meaning().into());
+        let judged = match claim {
+            None => Err(known(ChunkDrop::Quota)),
+            Some(claim) if !self.lease.admits(process, now, claim, "policies") => Err(known(ChunkDrop::Lease)),
+            Some(_) => chunk.and_then(|raw| self.state.judge(self.robot, now, &raw).map_err(known)),
         };
-        match judged {
+        match &judged {
             Ok(chunk) => {
                 self.sequence += 1;
                 let header = process.header(self.sequence, rt::now(), chunk.header.origin);
-                let chunk = PolicyChunk { header, session_nonce: self.lease.session_nonce, ..chunk };
+                let chunk = PolicyChunk { header, session_nonce: self.lease.session_nonce, ..*chunk };
                 process.publish(&mut self.chunks, &chunk);
             }
-            Err(reason) if self.feedback.dropped.add(now, reason) => {
+            Err((reason, _)) if self.feedback.dropped.add(now, *reason) => {
                 let (reason, meaning) = (reason.name(), reason.meaning());
                 process.probe.event(Event::Dropped { frames: 1, reason, meaning });
             }
             Err(_) => {}
         }
+        judged.map(drop)
     }
+}
+
+/// Returns the client that the kernel saw at the socket.
+fn identity(from: FrameSource) -> ClientIdentity {
+    let FrameSource { connection, peer, session_nonce } = from;
+    let (door, port) = (ingest::Door::Socket, u128::from(connection));
+    ClientIdentity { door, uid: peer.uid, pid: peer.pid, port, session_nonce }
 }
 
 /// Nanoseconds in a second.
@@ -203,14 +232,11 @@ impl IngestLoop {
     }
 
     fn receive_packet(&mut self, process: &mut Process, from: FrameSource, frame: &RawSkeleton) -> LeaseState {
-        let claim = ClientIdentity {
-            door: ingest::Door::Socket,
-            uid: from.peer.uid,
-            pid: from.peer.pid,
-            port: u128::from(from.connection),
-            session_nonce: from.session_nonce,
-        };
-        if self.process_frame(process, rt::now(), claim, frame) { LeaseState::Holder } else { LeaseState::NotHolder }
+        if self.process_frame(process, rt::now(), identity(from), frame) {
+            LeaseState::Holder
+        } else {
+            LeaseState::NotHolder
+        }
     }
 
     /// Returns true if the frame's session holds the lease.
@@ -267,7 +293,14 @@ impl IngestLoop {
         process.publish(&mut self.statuses, &self.status);
     }
 
+    /// Reports to the clients of the socket, to the metrics and to the log.
     fn report(&mut self, process: &mut Process, socket: &mut Server) {
+        if let Some(joints) = self.policy.feedback.take_joints() {
+            rt::allocating_aside(|| socket.tell_policies(&joints, &process.loaded.model.joint_names));
+        }
+        if let Some(feedback) = self.policy.feedback.take() {
+            socket.feed_back(&feedback);
+        }
         let counters = process.probe.counters();
         let leases = [&self.lease, &self.policy.lease];
         counters.set(Counter::WithoutAuthority, leases.map(|lease| lease.authority.frames_refused()).iter().sum());

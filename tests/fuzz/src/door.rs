@@ -1,8 +1,10 @@
 //! The skeleton socket for other users: packets of a client, and replies.
 
 use doors::{
-    ANSWER_BYTES, FRAME_BYTES, HELLO_BYTES, Hello, REQUESTS_FEEDBACK, ReplyPacket, decode_frame, encode_frame,
+    ANSWER_BYTES, FRAME_BYTES, HELLO_BYTES, Hello, REQUESTS_FEEDBACK, ReplyPacket, chunk_from_json, decode_frame,
+    encode_frame,
 };
+use messages::{CHUNK_ROWS_MAX, RobotId, Stamp};
 
 /// Decodes the bytes as a packet of each kind. Also pads or cuts them to the length of a frame.
 pub(crate) fn run(input: &[u8]) {
@@ -19,6 +21,13 @@ pub(crate) fn run(input: &[u8]) {
         assert_eq!(ReplyPacket::decode(&answer.encode()).map(|again| again.word), Some(answer.word));
     }
     assert!(input.len() == ANSWER_BYTES || ReplyPacket::decode(input).is_none());
+
+    let joints = ["a", "b"].map(str::to_owned);
+    let robot = RobotId { hash: 1, joint_count: 2, reserved: 0 };
+    match chunk_from_json(input, &joints, robot, Stamp(1)) {
+        Ok(chunk) => assert!(chunk.rows > 0 && chunk.rows as usize <= CHUNK_ROWS_MAX && chunk.valid_mask < 4),
+        Err((_, why)) => assert!(!why.is_empty()),
+    }
 
     assert_eq!(decode_frame(input).is_some(), input.len() == FRAME_BYTES, "a frame of another length");
     let mut bytes = [0; FRAME_BYTES];

@@ -9,7 +9,10 @@ pub fn for_target(target: &str) -> Vec<Vec<u8>> {
     let tagged = |tag: u8, bytes: &[u8]| [&[tag], bytes].concat();
     match target {
         "layouts" => frames::FILES.map(|text| tagged(0, text.as_bytes())).to_vec(),
-        "door" => vec![vec![0; doors::HELLO_BYTES], doors::Hello::OURS.encode().to_vec()],
+        "door" => {
+            let chunk = br#"{"joints":["a",1],"rate_hz":20,"positions":[[0,1]],"closure":[[0],null],"observed_ns":1}"#;
+            vec![vec![0; doors::HELLO_BYTES], doors::Hello::OURS.encode().to_vec(), chunk.to_vec()]
+        }
         "bvh" => vec![motion::write_bvh(&short()).into()],
         "mcap" => vec![recording(&[])],
         "robot" => vec![tagged(1, robots::TOML.lines().take(60).collect::<Vec<_>>().join("\n").as_bytes())],
