@@ -4,12 +4,12 @@ use clap::Parser;
 use config::{Interface, Overrides, RobotChoice};
 use std::path::PathBuf;
 
-/// Records a running instance as an MCAP file, or summarises a recording.
+/// Records a running instance as an MCAP file, shows it live to other programs, or summarises a recording.
 #[derive(Debug, Parser)]
 #[command(name = "record", version)]
 pub struct Cli {
     /// The file to write. It must not exist.
-    #[arg(value_name = "OUT.mcap", required_unless_present_any = ["summary", "view"])]
+    #[arg(value_name = "OUT.mcap", required_unless_present_any = ["summary", "view", "foxglove"])]
     pub out: Option<PathBuf>,
     /// Folder of the running instance. A program installed in /usr/bin defaults to /run/teleop if that exists.
     #[arg(long, value_name = "DIR", default_value_os_t = instance::default_run_dir())]
@@ -45,6 +45,9 @@ pub struct Cli {
     /// Show this recording in a browser on this machine, with a slider. Prints the address.
     #[arg(long, value_name = "FILE.mcap", conflicts_with_all = ["out", "summary", "plot"])]
     pub view: Option<PathBuf>,
+    /// Serve the channels of a recording live to Foxglove and Lichtblick, at this port of 127.0.0.1 (0: any free one).
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8765", conflicts_with_all = ["summary", "view"])]
+    pub foxglove: Option<u16>,
     /// Port of 127.0.0.1 for --view. 0 means any free port.
     #[arg(long, value_name = "PORT", default_value_t = view::PORT, requires = "view")]
     pub port: u16,

@@ -15,6 +15,7 @@ mod encoder;
 mod error;
 mod file;
 mod inputs;
+mod live_view;
 mod offline;
 mod pauses;
 mod picture;

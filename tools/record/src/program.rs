@@ -1,9 +1,11 @@
 //! Records a running instance, in a process of its own. Or summarises or shows a recording.
 
 use crate::cli::Cli;
-use crate::{Attached, Origin, Queue, Rates, Recorded, Summary};
+use crate::live_view::LiveView;
+use crate::{Attached, Entry, Origin, Queue, Rates, Recorded, Summary};
 use clap::Parser;
 use config::Loaded;
+use foxglove::FoxgloveError;
 use instance::Instance;
 use robot::Names;
 use rt::{Exit, Failure};
@@ -25,11 +27,10 @@ const LOOK_WITHIN: Duration = Duration::from_secs(5);
 /// Runs the command of this process' arguments.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
-    let outcome = match (&cli.view, &cli.summary, &cli.out) {
-        (Some(file), ..) => view(&cli, file),
-        (None, Some(file), _) => summary(&cli, file),
-        (None, None, Some(out)) => record(&cli, out),
-        (None, None, None) => Err(Failure::new(Exit::Usage, "give a file to write, --summary or --view FILE.mcap")),
+    let outcome = match (&cli.view, &cli.summary) {
+        (Some(file), _) => view(&cli, file),
+        (None, Some(file)) => summary(&cli, file),
+        (None, None) => record(&cli),
     };
     rt::finish("record", outcome)
 }
@@ -97,7 +98,7 @@ fn check(cli: &Cli) -> Result<(), Failure> {
     if cli.child_of.is_none() && !bus::is_inhabited(&prefix, Instant::now() + LOOK_WITHIN) {
         let folder = cli.run_dir.display();
         let text = format!(
-            "no instance of teleopd runs in {folder}, so nothing was recorded. Start one (teleopd up --run-dir \
+            "no instance of teleopd runs in {folder}, so there is nothing to record. Start one (teleopd up --run-dir \
              {folder}), or give the --run-dir of one that runs"
         );
         return Err(Failure::new(Exit::Unavailable, text));
@@ -105,20 +106,29 @@ fn check(cli: &Cli) -> Result<(), Failure> {
     Ok(())
 }
 
-fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
+fn record(cli: &Cli) -> Result<(), Failure> {
     check(cli)?;
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
     let manager = ServiceManager::from_environment().map_err(Failure::with(Exit::Software))?;
     let loaded = config::load(&cli.config, cli.overrides()).map_err(Failure::with(Exit::Config))?;
     let mut attached = attach(cli, &loaded)?;
-    let mut queue = begin(cli, out, &loaded)?;
+    let live = cli.foxglove.map(|port| serve(port, cli, &loaded)).transpose()?;
+    let mut file = cli.out.as_ref().map(|out| begin(cli, out, &loaded).map(|queue| (out, queue))).transpose()?;
     let _ = manager.ready();
-    out!("record: writing {}", out.display());
+    if let Some(out) = &cli.out {
+        out!("record: writing {}", out.display());
+    }
+    let add = |file: &mut Option<(_, Queue)>, entry: Entry| {
+        live.iter().for_each(|live| live.add(&entry));
+        if let Some((_, queue)) = file {
+            queue.add(entry);
+        }
+    };
     let begun = rt::now();
     let end = cli.seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
     let (mut warned, mut failed) = (false, false);
     while !shutdown.requested() && !rt::is_orphaned(cli.child_of) && end.is_none_or(|end| rt::now() < end) {
-        attached.look(&mut |entry| queue.add(entry));
+        attached.look(&mut |entry| add(&mut file, entry));
         if let (false, Some(hash)) = (warned, attached.other_settings()) {
             warned = true;
             let ours = loaded.hash;
@@ -128,15 +138,27 @@ fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
                  this file are wrong"
             );
         }
-        if !failed && queue.failed() {
+        if let Some((out, _)) = file.as_ref().filter(|(_, queue)| !failed && queue.failed()) {
             failed = true;
             err!("record: {}: nothing more can be written; the file is good up to here", out.display());
         }
         shutdown.sleep_until(attached.next_look(rt::now()));
     }
     // Read the last published messages.
-    attached.look(&mut |entry| queue.add(entry));
-    finish(out, &attached, queue)
+    attached.look(&mut |entry| add(&mut file, entry));
+    file.map_or(Ok(()), |(out, queue)| finish(out, &attached, queue))
+}
+
+fn serve(port: u16, cli: &Cli, loaded: &Loaded) -> Result<LiveView, Failure> {
+    let live = LiveView::start(port, crate::about(loaded, &cli.overrides(), Origin::Live).1).map_err(|error| {
+        let text = match error {
+            FoxgloveError::Bind(source) => rt::port_refused(port, "--foxglove", &source),
+            error => format!("--foxglove: {error}"),
+        };
+        Failure::new(Exit::Unavailable, text)
+    })?;
+    out!("record: shows {} at ws://127.0.0.1:{}", cli.run_dir.display(), live.server.port());
+    Ok(live)
 }
 
 fn attach(cli: &Cli, loaded: &Loaded) -> Result<Attached, Failure> {

@@ -15,7 +15,7 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 /// Writers of every service of a core domain.
-struct Writers {
+pub(crate) struct Writers {
     skeletons: Writer<Skeleton>,
     targets: Writer<JointTarget>,
     policies: Writer<JointTarget>,
@@ -23,13 +23,13 @@ struct Writers {
     states: Writer<RobotState>,
     statuses: Writer<Status>,
     sequence: u64,
-    sent: Vec<JointCommand>,
+    pub(crate) sent: Vec<JointCommand>,
     _domain: Domain,
     robot: messages::RobotId,
 }
 
 impl Writers {
-    fn new(instance: &Instance) -> Self {
+    pub(crate) fn new(instance: &Instance) -> Self {
         let robot = loaded().model.id();
         let domain = Domain::open(instance.core_domain(), "test").expect("a domain");
         Self {
@@ -63,7 +63,7 @@ impl Writers {
     }
 
     /// Publishes for `duration`, slowly enough that a loaded machine reads nearly all.
-    fn publish_for(&mut self, duration: Duration) {
+    pub(crate) fn publish_for(&mut self, duration: Duration) {
         let end = Instant::now() + duration;
         while Instant::now() < end {
             self.publish();
@@ -73,7 +73,7 @@ impl Writers {
     }
 }
 
-fn program(run_dir: &Path, out: &Path) -> Command {
+pub(crate) fn program(run_dir: &Path, out: &Path) -> Command {
     let mut program = Command::new(env!("CARGO_BIN_EXE_record"));
     program.arg(out).args(["--full", "--run-dir"]).arg(run_dir).arg("--config").arg(config());
     program

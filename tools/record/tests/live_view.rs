@@ -1,0 +1,115 @@
+//! A viewer that speaks Foxglove's subprotocol, beside writers of the test.
+
+use crate::live::{Writers, program};
+use crate::support::loaded;
+use foxglove::Decode;
+use foxglove::messages::JointStates;
+use instance::Instance;
+use record::Topic;
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+use std::io::{BufRead, BufReader};
+use std::net::TcpStream;
+use std::process::Stdio;
+use std::time::Duration;
+use tungstenite::client::IntoClientRequest;
+use tungstenite::{Message, WebSocket};
+
+type Viewer = WebSocket<TcpStream>;
+
+/// Returns a viewer and the channels that it was offered.
+fn connect(address: &str) -> (Viewer, Vec<Value>) {
+    let mut request = address.into_client_request().expect("an address");
+    request.headers_mut().insert("sec-websocket-protocol", "foxglove.sdk.v1".parse().expect("a value"));
+    let stream = TcpStream::connect(address.trim_start_matches("ws://")).expect("a connection");
+    stream.set_read_timeout(Some(Duration::from_secs(20))).expect("a limit");
+    let (mut viewer, _) = tungstenite::client(request, stream).expect("a handshake");
+    assert_eq!(text(&mut viewer)["capabilities"], json!(["assets"]), "nothing to write");
+    let mut channels = Vec::new();
+    while channels.len() < Topic::ALL.len() {
+        channels.extend(text(&mut viewer)["channels"].as_array().expect("channels").clone());
+    }
+    (viewer, channels)
+}
+
+fn send(viewer: &mut Viewer, message: Value) {
+    viewer.send(Message::text(message.to_string())).expect("sent");
+}
+
+fn text(viewer: &mut Viewer) -> Value {
+    serde_json::from_str(viewer.read().expect("a message").to_text().expect("a text")).expect("JSON")
+}
+
+/// Reads a message of a channel: the topic, the time and the data.
+fn message(viewer: &mut Viewer, channels: &[Value]) -> (String, u64, Vec<u8>) {
+    let bytes = viewer.read().expect("a message").into_data();
+    // An opcode, the subscription, the time and the message.
+    let number = |from: usize, to: usize| bytes[from..to].iter().rev().fold(0, |sum, byte| sum << 8 | u64::from(*byte));
+    let channel = channels.iter().find(|channel| channel["id"] == number(1, 5)).expect("its channel");
+    (channel["topic"].as_str().expect("a topic").to_owned(), number(5, 13), bytes[13..].to_vec())
+}
+
+/// One viewer sees what is recorded. Another one never reads, and tries to write.
+#[test]
+fn f145_viewer_sees_what_is_recorded_whatever_another_one_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let instance = Instance::new(&folder.path().join("run")).unwrap();
+    let (mut writers, out) = (Writers::new(&instance), folder.path().join("out.mcap"));
+    let mut child = program(instance.run_dir(), &out).arg("--foxglove=0").stdout(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
+    let line = lines.next().expect("a line").expect("a text");
+    let address = line.rsplit(' ').next().filter(|address| address.starts_with("ws://127.0.0.1:")).expect(&line);
+
+    let (mut silent, channels) = connect(address);
+    for (uri, failed, part) in
+        [("package://robot/tiago_dual.urdf", 0, "<robot"), ("file:///etc/passwd", 1, "there is only")]
+    {
+        send(&mut silent, json!({ "op": "fetchAsset", "uri": uri, "requestId": 7 }));
+        let Message::Binary(bytes) = silent.read().expect("a message") else { panic!("an asset") };
+        assert_eq!(bytes[..6], [4, 7, 0, 0, 0, failed]);
+        assert!(String::from_utf8_lossy(&bytes[10..]).contains(part), "{uri}");
+    }
+    send(&mut silent, json!({ "op": "advertise", "channels": [] }));
+    let refusal = text(&mut silent);
+    assert!(refusal["message"].as_str().is_some_and(|text| text.contains("clientPublish")), "{refusal}");
+
+    let (mut viewer, _) = connect(address);
+    let all: Vec<_> =
+        channels.iter().map(|channel| json!({ "id": channel["id"], "channelId": channel["id"] })).collect();
+    for viewer in [&mut silent, &mut viewer] {
+        send(viewer, json!({ "op": "subscribe", "subscriptions": all }));
+    }
+    let reading = std::thread::spawn({
+        let channels = channels.clone();
+        move || (0..1500).map(|_| message(&mut viewer, &channels)).collect::<BTreeSet<_>>()
+    });
+    writers.publish_for(Duration::from_secs(5));
+    let (seen, sent) = (reading.join().expect("messages"), writers.sent);
+    rt::terminate(child.id());
+    assert!(child.wait().expect("it ends").success());
+    let file = std::fs::read(&out).unwrap();
+    let recorded: BTreeSet<_> = mcap::MessageStream::new(&file)
+        .unwrap()
+        .map(|message| {
+            let message = message.unwrap();
+            let schema = message.channel.schema.as_ref().expect("a schema");
+            let shown = channels.iter().find(|shown| shown["topic"] == message.channel.topic).expect("a channel");
+            assert!(
+                shown["schemaName"] == schema.name && shown["encoding"] == message.channel.message_encoding,
+                "{shown}"
+            );
+            (message.channel.topic.clone(), message.log_time, message.data.into_owned())
+        })
+        .collect();
+    assert!(seen.is_subset(&recorded), "bit for bit");
+    for topic in ["/tf", "/joint_states/measured", "/joint_states/command", "/scene/robot", "/teleop/status"] {
+        assert!(seen.iter().filter(|(of, ..)| of == topic).count() > 30, "{topic}");
+    }
+    let model = loaded().model;
+    for (.., bytes) in seen.iter().filter(|(topic, ..)| topic == "/joint_states/measured") {
+        let shown = JointStates::decode(&bytes[..]).expect("joints");
+        let shown: Vec<_> = shown.joints.iter().map(|joint| joint.position.expect("a position")).collect();
+        assert!(sent.iter().any(|command| command.q[..model.count] == shown), "the robot's joints");
+    }
+    instance.retire();
+}
