@@ -134,7 +134,7 @@ impl Server {
     }
 
     /// Sends the joints to every policy, without waiting. `names` are those of the robot's joints.
-    pub fn tell_policies(&self, joints: &Joints, names: &[String]) {
+    pub fn send_joints(&self, joints: &Joints, names: &[String]) {
         let mut text = None;
         for seat in self.seats.iter().flatten().filter(|seat| seat.is_policy) {
             send_text(&seat.socket, text.get_or_insert_with(|| joints_as_json(joints, names)));

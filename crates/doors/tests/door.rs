@@ -377,7 +377,7 @@ fn f023_policy_gets_joints_and_answers_and_messages_beyond_the_rate_are_dropped(
     let policy = house.raw();
     policy.send(POLICY_HELLO);
     (0..2).for_each(|_| house.poll());
-    house.server.tell_policies(&Joints::ZERO, &["a".to_owned()]);
+    house.server.send_joints(&Joints::ZERO, &["a".to_owned()]);
     (0..10).for_each(|_| policy.send(b"a chunk"));
     let mut used = Vec::new();
     house.server.poll_policies(house.now, |_, text| {

@@ -296,7 +296,7 @@ impl IngestLoop {
     /// Reports to the clients of the socket, to the metrics and to the log.
     fn report(&mut self, process: &mut Process, socket: &mut Server) {
         if let Some(joints) = self.policy.feedback.take_joints() {
-            rt::allocating_aside(|| socket.tell_policies(&joints, &process.loaded.model.joint_names));
+            rt::allocating_aside(|| socket.send_joints(&joints, &process.loaded.model.joint_names));
         }
         if let Some(feedback) = self.policy.feedback.take() {
             socket.feed_back(&feedback);
