@@ -123,10 +123,10 @@ assert share > 0.5, "the robot did not follow the policy"
 # The recording says who led, and is a dataset again.
 commands = teleopd.read_recording(recording).messages["commands"]
 led = commands["sources"] == 12
-assert set(np.unique(commands["sources"])) <= {0, 12} and led.sum() > 0.5 * LEAD_S * 1500, np.unique(commands["sources"], return_counts=True)
+assert set(np.unique(commands["sources"])) <= {0, 12} and led.mean() > 0.5, np.unique(commands["sources"], return_counts=True)
 exported = lerobot.export([recording], folder / "policy", fps=FPS)
 again = LeRobotDataset("local/policy", root=folder / "policy")
-assert len(again) == exported.frames and exported.frames > 0.5 * LEAD_S * FPS
+assert len(again) == exported.frames > 0.5 * len(led) / 1500 * FPS
 by_policy = np.array([int(again[i]["source"][2]) for i in range(len(again))]) == 12
 action = np.stack([again[i]["action"].numpy() for i in range(len(again))])[by_policy][:, arms]
 demonstrated = np.stack([item["action"][0].numpy() for item in items])[:, arms]
