@@ -1,15 +1,18 @@
-//! The control tick of the shipped robot: the state machine, the predictive controller, whole-body control and the
-//! gate. It follows the built-in motion. And the lifter of a camera's image. Criterion keeps the figures under
-//! `target/criterion` and compares the next run with them.
+//! The ticks of the shipped robot and settings. The retarget tick and its parts, for both arms. The control tick: the state
+//! machine, the predictive controller, whole-body control and the gate, which follow the built-in motion. And the lifter of
+//! a camera's image. Criterion keeps the figures under `target/criterion` and compares the next run with them.
 
 use client::PlayOptions;
-use config::Overrides;
+use config::{Loaded, Overrides};
 use control::{Config, Input, State};
 use criterion::{Criterion, criterion_group, criterion_main};
 use layouts::{ImagePoints, POINTS};
-use messages::{JointTarget, Mode, RobotState, Stamp};
+use messages::{JointTarget, Layout, Mode, RobotState, Skeleton, Stamp, deadline, skeleton_flag};
 use motion::CalibrationMode;
+use rand::{RngExt, SeedableRng};
+use retarget::{ArmModel, ArmQ, Limbs, PRIOR_WEIGHT, features, refine, solve_poses, xyzw_from_rotation};
 use safety::engage::OperatorView;
+use std::hint::black_box;
 use std::path::Path;
 use world::{Offline, OfflineEnd};
 
@@ -32,9 +35,61 @@ impl Received {
     }
 }
 
-fn ticks(criterion: &mut Criterion) {
+fn shipped() -> Loaded {
     let settings = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
-    let loaded = config::load(&settings, Overrides::default()).expect("the shipped settings");
+    config::load(&settings, Overrides::default()).expect("the shipped settings")
+}
+
+/// Returns limbs that both arms can reach.
+fn limbs(arm: &ArmModel) -> [Limbs; 2] {
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
+    let q: [ArmQ; 2] = std::array::from_fn(|_| std::array::from_fn(|j| rng.random_range(arm.q_min[j]..arm.q_max[j])));
+    q.map(|q| arm.forward(&q))
+}
+
+/// Measures whole ticks with a new skeleton in each, and in one of five.
+fn retarget_ticks(criterion: &mut Criterion) {
+    let loaded = shipped();
+    let config = world::retarget_config(&loaded).expect("settings are in range");
+    let mut skeleton = Skeleton { flags: skeleton_flag::ALL, ..Skeleton::ZERO };
+    for (n, arm) in limbs(&ArmModel::from_model(&loaded.model)).iter().enumerate() {
+        let limbs = [arm.upper, arm.fore].map(|limb| xyzw_from_rotation(&limb).map(|x| x as f32));
+        skeleton.limbs[2 * n..2 * n + 2].copy_from_slice(&limbs);
+    }
+    for (name, every) in [("retarget tick", 1), ("retarget tick, a new skeleton in every fifth", 5)] {
+        let (mut state, mut k) = (retarget::State::default(), 1500);
+        criterion.bench_function(name, |bencher| {
+            bencher.iter(|| {
+                k += 1;
+                if k % every == 0 {
+                    skeleton.header.sequence += 1;
+                    skeleton.received = deadline(k);
+                }
+                retarget::tick(&config, &mut state, deadline(k), retarget::Input { k, skeleton: Some(&skeleton) })
+            });
+        });
+    }
+}
+
+/// Measures the parts of a retarget tick.
+fn retarget_parts(criterion: &mut Criterion) {
+    let loaded = shipped();
+    let (arm, steps) = (ArmModel::from_model(&loaded.model), loaded.settings.retarget.refinement_steps);
+    let (limbs, network) = (limbs(&arm), loaded.weights.expect("the shipped weights").network);
+    criterion.bench_function("encode, decode, refine", |bencher| {
+        bencher.iter(|| solve_poses(&arm, &network, black_box(&limbs), steps));
+    });
+    criterion.bench_function("encode, decode", |bencher| {
+        bencher.iter(|| network.decode(&network.encode_human(&black_box(&limbs).each_ref().map(features))));
+    });
+    let start = network.decode(&network.encode_human(&limbs.each_ref().map(features)));
+    criterion.bench_function("refine", |bencher| {
+        bencher.iter(|| [0, 1].map(|n| refine(&arm, &limbs[n], &start[n], &start[n], PRIOR_WEIGHT, steps)));
+    });
+}
+
+fn control_ticks(criterion: &mut Criterion) {
+    let loaded = shipped();
     let options = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::First10s };
     let (mut received, mut engaged, mut incarnation) = (Vec::new(), Vec::new(), 0);
     let end = Offline::new(&loaded, &motion::builtin(), options).expect("a run").play(|tick| {
@@ -66,16 +121,14 @@ fn ticks(criterion: &mut Criterion) {
 }
 
 fn lift(criterion: &mut Criterion) {
-    let settings = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
-    let loaded = config::load(&settings, Overrides::default()).expect("the shipped settings");
-    let lifter = loaded.lifter.expect("the shipped lifter");
+    let lifter = shipped().lifter.expect("the shipped lifter");
     // The time is the same for every image with a trunk.
     let points = std::array::from_fn(|i| [0.1 * (i as f32).sin(), 0.1 * (i as f32).cos()]);
     let image = ImagePoints { points, seen: [1.0; POINTS] };
     criterion.bench_function("lift", |bencher| {
-        bencher.iter(|| lifter.lift(std::hint::black_box(&image), None).expect("a trunk"));
+        bencher.iter(|| lifter.lift(black_box(&image), None).expect("a trunk"));
     });
 }
 
-criterion_group!(benches, ticks, lift);
+criterion_group!(benches, retarget_ticks, retarget_parts, control_ticks, lift);
 criterion_main!(benches);
