@@ -2,38 +2,21 @@
 //! budgets of lines.
 
 use crate::sources;
+use std::collections::BTreeMap;
 
 /// A doc comment that begins so names no subject.
 const NO_SUBJECT: [&str; 8] = ["Of", "What", "Who", "Whom", "Whose", "Whoever", "Whether", "Whatever"];
 
-/// Words that the field does not use, and a better one.
-const NOT_OURS: [(&str, &str); 9] = [
-    ("anew", "again"),
-    ("whoever", "the person, the client, the operator"),
-    ("whomever", "the person, the client, the operator"),
-    ("minded", "monitored"),
-    ("deed", "event"),
-    ("deeds", "events"),
-    ("thereof", "of it"),
-    ("is told", "receives, is configured"),
-    ("are told", "receive, are configured"),
-];
+/// Words and names that say nothing, and better ones.
+#[derive(serde::Deserialize)]
+struct Lists {
+    words: BTreeMap<String, String>,
+    names: BTreeMap<String, String>,
+}
 
-/// Names of types, functions, modules, fields and variables that say nothing, and better ones.
-const NO_NAMES: [(&str, &str); 12] = [
-    ("said", "printed, sentence, reason"),
-    ("told", "reported, is_printed"),
-    ("deed", "event"),
-    ("deed_name", "event_name"),
-    ("hall", "registry"),
-    ("eyes", "observer"),
-    ("twins", "pairs"),
-    ("Way", "LimbTrajectory, Path"),
-    ("Wish", "Reference, WristTarget, JerkRange"),
-    ("Course", "Trajectory"),
-    ("UNTOLD_M", "what is not known"),
-    ("fn of", "new, from_values, for_target"),
-];
+fn lists() -> Lists {
+    toml::from_str(include_str!("language.toml")).expect("two lists")
+}
 
 /// Longest sentence, words. A formula counts as none.
 const SENTENCE_WORDS_MAX: usize = 30;
@@ -139,11 +122,11 @@ fn doc_comments_begin_with_their_subject() {
 
 #[test]
 fn names_are_nouns_of_the_field() {
-    let mut wrong = Vec::new();
+    let (mut wrong, names) = (Vec::new(), lists().names);
     for (name, text) in rust() {
         for (number, line) in text.lines().enumerate().filter(|(_, line)| !line.trim_start().starts_with("//")) {
             let code = format!(" {}", line.split('"').step_by(2).collect::<Vec<_>>().join(" "));
-            for (word, better) in NO_NAMES {
+            for (word, better) in &names {
                 let starts = [" ", "(", "|", "."].map(|start| format!("{start}{word}"));
                 let named = |start: &str| {
                     code.split(start).skip(1).any(|rest| rest.starts_with([':', '(', ',', '|', ')', ';', '.', ' ']))
@@ -159,11 +142,11 @@ fn names_are_nouns_of_the_field() {
 
 #[test]
 fn comments_and_documents_use_the_words_of_the_field() {
-    let mut wrong = Vec::new();
+    let (mut wrong, words_of_others) = (Vec::new(), lists().words);
     let mut look = |name: &str, number: usize, text: &str| {
         let prose = prose(text).to_lowercase();
         let words: Vec<_> = prose.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty()).collect();
-        for (word, better) in NOT_OURS {
+        for (word, better) in &words_of_others {
             let parts: Vec<_> = word.split(' ').collect();
             if words.windows(parts.len()).any(|window| window == parts) {
                 wrong.push(format!("{name}:{number}: {word:?}; better: {better}"));
