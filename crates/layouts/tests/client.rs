@@ -38,32 +38,10 @@ pub(crate) fn about(axis: [f64; 3], angle: f64) -> Turn {
 /// Arms stretched sideways, with these turns: left upper arm, left forearm, right upper arm, right forearm.
 pub(crate) fn person([left, left_fore, right, right_fore]: [Turn; 4]) -> Person {
     // The trunk has the lean that `skeleton` counts as upright.
-    let back = -0.5 * skeleton::TORSO_LEAN_RAD.tan();
-    let mut places = [
-        [0.0, 0.0, 0.96],
-        [0.0, 0.1, 0.92],
-        [0.0, -0.1, 0.92],
-        [0.0, 0.0, 1.05],
-        [0.01, 0.1, 0.5],
-        [0.01, -0.1, 0.5],
-        [-0.02, 0.0, 1.15],
-        [0.0, 0.1, 0.08],
-        [0.0, -0.1, 0.08],
-        [-0.03, 0.0, 1.25],
-        [0.15, 0.12, 0.03],
-        [0.15, -0.12, 0.03],
-        [back, 0.0, 1.45],
-        [back, 0.05, 1.4],
-        [back, -0.05, 1.4],
-        [0.0, 0.0, 1.6],
-        [back, 0.18, 1.42],
-        [back, -0.18, 1.42],
-        [0.0; 3],
-        [0.0; 3],
-        [0.0; 3],
-        [0.0; 3],
-    ]
-    .map(Vector3::from);
+    let lean = -0.5 * skeleton::TORSO_LEAN_RAD.tan();
+    let standing: [[f64; 3]; 18] = include!("../../skeleton/tests/person/standing.in");
+    let mut places = [Place::zeros(); SMPL_JOINTS];
+    places.iter_mut().zip(standing).for_each(|(place, at)| *place = at.into());
     let mut turns = [Turn::identity(); SMPL_JOINTS];
     for (shoulder, outwards, upper, fore) in [(16, 1.0, left, left_fore), (17, -1.0, right, right_fore)] {
         places[shoulder + 2] = places[shoulder] + upper * Vector3::new(0.0, 0.3 * outwards, 0.0);

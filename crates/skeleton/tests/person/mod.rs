@@ -39,28 +39,9 @@ pub(crate) fn read(q: [f32; 4]) -> UnitQuaternion<f64> {
 pub(crate) fn person(left: [f64; 5], right: [f64; 5]) -> Body {
     let lean = -0.5 * skeleton::TORSO_LEAN_RAD.tan();
     let mut positions = [[0.0f32; 3]; SMPL_JOINTS];
-    let joints: [(usize, [f64; 3]); 18] = [
-        (0, [0.0, 0.0, 0.96]),
-        (1, [0.0, 0.1, 0.92]),
-        (2, [0.0, -0.1, 0.92]),
-        (3, [0.0, 0.0, 1.05]),
-        (4, [0.01, 0.1, 0.5]),
-        (5, [0.01, -0.1, 0.5]),
-        (6, [-0.02, 0.0, 1.15]),
-        (7, [0.0, 0.1, 0.08]),
-        (8, [0.0, -0.1, 0.08]),
-        (9, [-0.03, 0.0, 1.25]),
-        (10, [0.15, 0.12, 0.03]),
-        (11, [0.15, -0.12, 0.03]),
-        (12, [lean, 0.0, 1.45]),
-        (13, [lean, 0.05, 1.4]),
-        (14, [lean, -0.05, 1.4]),
-        (15, [0.0, 0.0, 1.6]),
-        (16, [lean, 0.18, 1.42]),
-        (17, [lean, -0.18, 1.42]),
-    ];
-    for (joint, p) in joints {
-        positions[joint] = p.map(|c| c as f32);
+    let standing: [[f64; 3]; 18] = include!("standing.in");
+    for (position, place) in positions.iter_mut().zip(standing) {
+        *position = place.map(|c| c as f32);
     }
     let mut rotations = [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS];
     for (side, q) in [left, right].into_iter().enumerate() {
