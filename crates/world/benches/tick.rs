@@ -1,6 +1,5 @@
-//! The ticks of the shipped robot and settings. The retarget tick and its parts, for both arms. The control tick: the state
-//! machine, the predictive controller, whole-body control and the gate, which follow the built-in motion. And the lifter of
-//! a camera's image. Criterion keeps the figures under `target/criterion` and compares the next run with them.
+//! The ticks of the shipped robot and settings, the parts of the retarget tick, and the lifter of a camera's image. The
+//! control tick follows the built-in motion. Criterion keeps the figures and compares the next run with them.
 
 use client::PlayOptions;
 use config::{Loaded, Overrides};
