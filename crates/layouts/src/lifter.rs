@@ -74,10 +74,8 @@ const FAR: f32 = 5.0;
 const SIZE_MIN: f64 = 0.03;
 /// Shoulders' breadth that counts as the trunk's length where the trunk is foreshortened.
 const BREADTH: f64 = 1.2;
-/// Directions of arms and hands, left and right in turn. Then comes the trunk's across.
-const ARMS_AND_HANDS: usize = 6;
-/// Least concentration: as good as none.
-const CONCENTRATION_MIN: f64 = 1e-3;
+/// The trunk's across. Before it are left and right in turn.
+const ACROSS: usize = 6;
 /// Width of the network's layers.
 pub const LIFTER_WIDTHS: [usize; 5] = [LIFTER_INPUTS, 200, 200, 200, LIFTER_OUTPUTS];
 /// Name of the network in its file.
@@ -173,30 +171,27 @@ impl Lifted {
     }
 
     /// The same of the mirror image.
-    #[must_use]
     pub fn mirrored(&self) -> Self {
-        let other = |i: usize| if i < ARMS_AND_HANDS { i ^ 1 } else { i };
-        let mut directions: [Vector3<f64>; DIRECTIONS] =
-            std::array::from_fn(|i| self.directions[other(i)].component_mul(&Vector3::new(-1.0, 1.0, 1.0)));
+        let other = |i: usize| if i < ACROSS { i ^ 1 } else { i };
         // The trunk's across points to the left of the person in the mirror, too.
-        directions[ARMS_AND_HANDS] *= -1.0;
+        let signs = |i: usize| if i == ACROSS { Vector3::new(1.0, -1.0, -1.0) } else { Vector3::new(-1.0, 1.0, 1.0) };
+        let directions = std::array::from_fn(|i| self.directions[other(i)].component_mul(&signs(i)));
         Self { directions, concentrations: std::array::from_fn(|i| self.concentrations[other(i)]) }
     }
 
     /// Mean of two estimates of one person, weighted by their concentrations. `None` if two directions are opposite.
-    fn mixed(&self, other: &Self) -> Option<Self> {
-        let mut out = *self;
+    fn mixed(mut self, other: &Self) -> Option<Self> {
         for i in 0..DIRECTIONS {
-            let [own, its] = [self, other].map(|it| it.directions[i] * it.concentrations[i].max(CONCENTRATION_MIN));
-            let (direction, sum) = Unit::try_new_and_get(own + its, CONCENTRATION_MIN)?;
-            (out.directions[i], out.concentrations[i]) = (direction.into_inner(), sum / 2.0);
+            let sum = self.directions[i] * self.concentrations[i] + other.directions[i] * other.concentrations[i];
+            let (direction, long) = Unit::try_new_and_get(sum, 1e-9)?;
+            (self.directions[i], self.concentrations[i]) = (direction.into_inner(), long / 2.0);
         }
-        Some(out)
+        Some(self)
     }
 
     /// Expected angle between direction i and the truth, rad: sqrt(pi / 2 / k).
     pub fn expected_rad(&self, i: usize) -> f64 {
-        (std::f64::consts::FRAC_PI_2 / self.concentrations[i].max(CONCENTRATION_MIN)).sqrt()
+        (std::f64::consts::FRAC_PI_2 / self.concentrations[i].max(1e-3)).sqrt()
     }
 
     /// The trunk's axes in those of the camera: columns across, up, ahead. `None` if across and up are parallel.

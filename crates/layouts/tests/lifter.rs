@@ -28,7 +28,7 @@ const PERSON: [[f32; 3]; DIRECTIONS] = [
 
 /// Layers that give a person with these concentrations where the right little finger is hidden, and the mirror image where
 /// the left one is: a hidden unit and its opposite carry the difference of what is seen, since silu(z) - silu(-z) = z.
-fn layers_of(person: &[[f32; 3]; DIRECTIONS], concentrations: [f64; DIRECTIONS]) -> Vec<Dense> {
+fn layers(person: &[[f32; 3]; DIRECTIONS], concentrations: [f64; DIRECTIONS]) -> Vec<Dense> {
     let dense =
         |w: &[usize]| Dense { inputs: w[0], outputs: w[1], weight: vec![0.0; w[0] * w[1]], bias: vec![0.0; w[1]] };
     let mut layers: Vec<Dense> = LIFTER_WIDTHS.windows(2).map(dense).collect();
@@ -38,24 +38,19 @@ fn layers_of(person: &[[f32; 3]; DIRECTIONS], concentrations: [f64; DIRECTIONS])
             layer.weight[row * layer.inputs + from[column]] = if row == column { 1.0 } else { -1.0 };
         }
     }
-    let directions = person.map(|d| Vector3::from(d).map(f64::from));
-    let own = Lifted { directions, concentrations };
-    let last = layers.last_mut().expect("layers");
-    let outputs = [own, own.mirrored()].map(|it| {
-        let k = it.concentrations.map(|k| (k.exp_m1().ln() - 2.0) as f32);
-        std::array::from_fn::<f32, LIFTER_OUTPUTS, _>(|n| {
-            if n % 4 == 3 { k[n / 4] } else { 0.5 * it.directions[n / 4][n % 4] as f32 }
+    let own = Lifted { directions: person.map(|d| Vector3::from(d).map(f64::from)), concentrations };
+    let [own, other] = [own, own.mirrored()].map(|it| -> [f32; LIFTER_OUTPUTS] {
+        std::array::from_fn(|n| match n % 4 {
+            3 => (it.concentrations[n / 4].exp_m1().ln() - 2.0) as f32,
+            axis => 0.5 * it.directions[n / 4][axis] as f32,
         })
     });
-    for (n, (own, other)) in outputs[0].into_iter().zip(outputs[1]).enumerate() {
+    let last = layers.last_mut().expect("layers");
+    for (n, (own, other)) in own.into_iter().zip(other).enumerate() {
         last.bias[n] = (own + other) / 2.0;
-        (last.weight[n * 200], last.weight[n * 200 + 1]) = ((own - other) / 2.0, (other - own) / 2.0);
+        last.weight[n * last.inputs..][..2].copy_from_slice(&[(own - other) / 2.0, (other - own) / 2.0]);
     }
     layers
-}
-
-fn layers(concentrations: [f64; DIRECTIONS]) -> Vec<Dense> {
-    layers_of(&PERSON, concentrations)
 }
 
 fn lifted(lifter: &Lifter, layouts: &Layouts, raw: &RawSkeleton) -> RawSkeleton {
@@ -72,7 +67,7 @@ fn direction(frame: &RawSkeleton, from: Smpl, to: Smpl) -> Vector3<f32> {
 
 #[test]
 fn frame_gets_directions_in_our_axes_and_keeps_its_lengths() {
-    let (layouts, lifter) = (Layouts::default(), Lifter::new(&layers([50.0; DIRECTIONS])));
+    let (layouts, lifter) = (Layouts::default(), Lifter::new(&layers(&PERSON, [50.0; DIRECTIONS])));
     let before = layouts.convert(&frame()).expect("a layout");
     let after = lifted(&lifter, &layouts, &frame());
     // The person's left is y, up z, and ahead x.
@@ -121,10 +116,20 @@ fn mirrored_image_shows_the_same_person() {
 }
 
 #[test]
+fn mirror_image_is_lifted_to_the_mirrored_person() {
+    let mut layers = layers(&PERSON, [9.0; DIRECTIONS]);
+    layers[3].bias[1] += 0.4; // Both sides differ.
+    let image = ImagePoints { points: [[0.1, 0.2]; POINTS], seen: [1.0; POINTS] };
+    let [own, other] = [image, image.mirrored()].map(|image| Lifter::new(&layers).lift(&image, None).expect("numbers"));
+    assert!((own.directions[0] - other.mirrored().directions[0]).norm() < 1e-6, "{own:?} {other:?}");
+    assert!(own.concentrations[0] < 8.9, "both sides disagree, so it is less sure: {own:?}");
+}
+
+#[test]
 fn doubt_of_an_arm_lowers_its_confidence_alone() {
     // Expected angles of 9 and 45 degrees, and of more than a right angle.
     let k = |deg: f64| FRAC_PI_2 / deg.to_radians().powi(2);
-    let layers = layers([k(9.0), k(45.0), k(9.0), k(45.0), 50.0, 50.0, 50.0, 50.0]);
+    let layers = layers(&PERSON, [k(9.0), k(45.0), k(9.0), k(45.0), 50.0, 50.0, 50.0, 50.0]);
     let after = lifted(&Lifter::new(&layers), &Layouts::default(), &frame());
     for (joint, want) in
         [(Smpl::LeftElbow, 0.9), (Smpl::LeftWrist, 0.9), (Smpl::RightElbow, 0.5), (Smpl::RightWrist, 0.5)]
@@ -147,7 +152,7 @@ fn layout_of_image_points_alone_gives_a_person() {
     for (point, landmark) in [0, 2, 5, 7, 8, 11, 12, 13, 14, 15, 16, 23, 24, 25, 26, 27, 28].into_iter().enumerate() {
         (raw.positions[point], raw.confidence[point]) = (body.positions[33 + landmark], 1.0);
     }
-    let after = lifted(&Lifter::new(&layers([50.0; DIRECTIONS])), &layouts, &raw);
+    let after = lifted(&Lifter::new(&layers(&PERSON, [50.0; DIRECTIONS])), &layouts, &raw);
     let skeleton = skeleton::Config { length_change_max: f64::INFINITY, ..skeleton::Config::default() };
     let mut state = skeleton::State::default();
     let seen = (1..20).filter_map(|i| {
@@ -178,7 +183,7 @@ fn wrong_point_of_a_layout_is_refused_by_name() {
 fn written_network_is_read_and_another_one_refused() {
     // Its last bias is 7, which 16 bits hold.
     let concentration = 9_f64.exp().ln_1p();
-    let layers = layers([concentration; DIRECTIONS]);
+    let layers = layers(&PERSON, [concentration; DIRECTIONS]);
     let (tensors, manifest) = Lifter::write(&layers, &LifterManifest::default()).expect("numbers");
     let image = ImagePoints { points: [[0.1, 0.2]; POINTS], seen: [1.0; POINTS] };
     let read = Lifter::read(&manifest, &tensors).expect("as written").lift(&image, None).expect("numbers");
@@ -211,12 +216,12 @@ fn film(networks: &[&Lifter]) -> Vec<(Vector3<f32>, f32)> {
 fn raised(concentration: f64) -> Lifter {
     let mut person = PERSON;
     person[0] = [0.0, 1.0, 0.0];
-    Lifter::new(&layers_of(&person, [concentration; DIRECTIONS]))
+    Lifter::new(&layers(&person, [concentration; DIRECTIONS]))
 }
 
 #[test]
 fn arm_turns_as_fast_as_its_doubt_permits_and_is_left_out_if_the_doubt_lasts() {
-    let aside = Lifter::new(&layers([50.0; DIRECTIONS]));
+    let aside = Lifter::new(&layers(&PERSON, [50.0; DIRECTIONS]));
     let degrees = |shown: &[(Vector3<f32>, f32)]| {
         let turns = shown.windows(2).map(|pair| pair[0].0.angle(&pair[1].0).to_degrees());
         turns.collect::<Vec<_>>()
@@ -251,7 +256,7 @@ fn person_who_was_gone_for_a_quarter_of_a_second_is_believed_at_once() {
         lifter.apply(&image, None, raw.header.origin, &mut last, &mut out);
         direction(&out, Smpl::LeftShoulder, Smpl::LeftElbow).z
     };
-    let (aside, up) = (Lifter::new(&layers([50.0; DIRECTIONS])), raised(50.0));
+    let (aside, up) = (Lifter::new(&layers(&PERSON, [50.0; DIRECTIONS])), raised(50.0));
     assert!(after(&aside, 1000, 1).abs() < 1e-6);
     assert!(after(&up, 260, 1) > 0.999);
     assert!(after(&aside, 33, 1) > 0.3, "it turns slowly");
@@ -263,7 +268,7 @@ fn person_who_was_gone_for_a_quarter_of_a_second_is_believed_at_once() {
 fn f016_trunk_that_jumps_or_glides_in_the_image_is_another_persons() {
     let layouts = Layouts::default();
     let (mut raw, mut last) = (frame(), LastImage::default());
-    let lifter = Lifter::new(&layers([50.0; DIRECTIONS]));
+    let lifter = Lifter::new(&layers(&PERSON, [50.0; DIRECTIONS]));
     let mut knows = |aside: f32, factor: f32, ms: u64| {
         let mut shown = frame();
         for place in &mut shown.positions[33..66] {
@@ -293,7 +298,7 @@ fn f016_trunk_that_jumps_or_glides_in_the_image_is_another_persons() {
 
 #[test]
 fn f076_any_bits_lift_without_panic_or_allocation() {
-    let (layouts, lifter) = (Layouts::default(), Lifter::new(&layers([9.0; DIRECTIONS])));
+    let (layouts, lifter) = (Layouts::default(), Lifter::new(&layers(&PERSON, [9.0; DIRECTIONS])));
     let map = layouts.find(SkeletonLayout::MediaPipe66 as u32).expect("built in");
     let (mut chance, mut last) = (Chance(3), LastImage::default());
     for round in 0..2_000 {

@@ -9,8 +9,8 @@ use crate::resample::STALE_NS;
 /// Time for which the input is observed, ns: half the blend in which a person may still let go, and long compared
 /// with a period at 15 Hz.
 const WATCHED_NS: u64 = 500_000_000;
-/// Shorter time if the input was steady not long ago, ns: after a silence that is as long a skeleton is stale. Only a gap came
-/// between. Three skeletons must have come, and the newest of them no longer ago than the longest period.
+/// Shorter time if the input was steady not long ago and only a gap came between, ns: that after which a skeleton is stale.
+/// It needs three skeletons, the newest no older than the longest period.
 const WATCHED_AGAIN_NS: u64 = 100_000_000;
 /// Largest age of that steadiness, ns: as long as `safety` lets a gap last.
 const AGAIN_NS: u64 = 2_000_000_000;

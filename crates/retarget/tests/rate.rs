@@ -99,13 +99,10 @@ fn f015_person_back_within_2_s_is_followed_after_100_ms_and_three_skeletons() {
         assert!((1120..again + watched_ms - 5).all(|ms| !follows(&at(ms))), "{gap_ms}");
         assert!((again + watched_ms + 25..4490).all(|ms| follows(&at(ms))), "{gap_ms}");
     }
-    // Three skeletons within 10 ms say nothing about what comes, again and again. Neither do 12 Hz.
+    // Three skeletons within 10 ms say nothing about what comes, again and again.
     let bursts = (0..10).flat_map(|i| [0.0, 5.0, 10.0].map(|ms| (1300.0 + 200.0 * f64::from(i) + ms, 1)));
-    let sparse = steady(12.0, 1300.0, 3000.0);
-    for back in [bursts.collect::<Vec<_>>(), sparse.collect()] {
-        let at = run(&config(), &arrivals(steady(60.0, 0.0, 1000.0).chain(back)), 3000);
-        assert!((1120..2990).all(|ms| !follows(&at(ms))));
-    }
+    let at = run(&config(), &arrivals(steady(60.0, 0.0, 1000.0).chain(bursts)), 3000);
+    assert!((1120..2990).all(|ms| !follows(&at(ms))));
 }
 
 #[test]
