@@ -79,7 +79,7 @@ mod tests {
         for (index, hazard) in all().enumerate() {
             assert_eq!(hazard.id, format!("f{:03}", index + 1), "{}", hazard.what);
         }
-        assert_eq!(all().count(), 144);
+        assert_eq!(all().count(), 145);
     }
 
     #[test]
