@@ -4,7 +4,7 @@ use messages::{
     CHUNK_ROWS_MAX, ChunkDrop, Joints, Layout, Mode, PolicyChunk, RobotId, Stamp, chunk_flag, joints_flag, source_flag,
 };
 use serde::Deserialize;
-use serde_json::{Map, json};
+use serde_json::{Map, Value, json};
 use std::borrow::Cow;
 
 /// First packet of a policy: this text, with the version of its messages.
@@ -18,17 +18,9 @@ pub type NoChunk = (ChunkDrop, Cow<'static, str>);
 type Row = Vec<Option<f64>>;
 
 #[derive(Deserialize)]
-#[serde(untagged, expecting = "a joint must be a name or an index")]
-enum Joint<'a> {
-    Index(usize),
-    Name(#[serde(borrow)] Cow<'a, str>),
-}
-
-#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Message<'a> {
-    #[serde(borrow)]
-    joints: Vec<Joint<'a>>,
+struct Message {
+    joints: Vec<Value>,
     rate_hz: f64,
     positions: Vec<Row>,
     velocities: Option<Vec<Row>>,
@@ -58,23 +50,18 @@ pub fn chunk_from_json(bytes: &[u8], names: &[String], robot: RobotId, now: Stam
     })?;
     let (rows, rate_hz) = (message.positions.len(), message.rate_hz);
     if !(1..=CHUNK_ROWS_MAX).contains(&rows) || !(1.0..=200.0).contains(&rate_hz) {
-        return shape(format!(
-            "positions, rate_hz: {rows} rows at {rate_hz} Hz; 1 to 100 rows at 1 to 200 Hz are allowed"
-        ));
+        return shape(format!("positions, rate_hz: {rows} rows at {rate_hz} Hz; 1 to 100 at 1 to 200 Hz are allowed"));
     }
     let mut chunk = PolicyChunk { robot, period_ns: (1e9 / rate_hz) as u64, rows: rows as u32, ..PolicyChunk::ZERO };
     chunk.start = message.start_ns.map_or(now.plus_ns(if rows == 1 { chunk.period_ns } else { 0 }), Stamp);
     (chunk.header.sequence, chunk.header.stamp, chunk.header.origin) = (now.0, now, Stamp(message.observed_ns));
     let mut joints = Vec::new();
     for (i, joint) in message.joints.iter().enumerate() {
-        let (j, given) = match joint {
-            Joint::Index(index) => (Some(*index).filter(|j| *j < names.len()), index.to_string()),
-            Joint::Name(name) => (names.iter().position(|known| known == name), format!("{name:?}")),
-        };
-        match j {
+        let name = joint.as_str().and_then(|name| names.iter().position(|known| known == name));
+        match name.or_else(|| Some(joint.as_u64()? as usize).filter(|j| *j < names.len())) {
             Some(j) if chunk.valid_mask & 1 << j == 0 => joints.push(j),
-            Some(_) => return shape(format!("joints[{i}]: {given} is named twice")),
-            None => return shape(format!("joints[{i}]: the robot has no {given}; it has {}", names.join(", "))),
+            Some(_) => return shape(format!("joints[{i}]: {joint} is named twice")),
+            None => return shape(format!("joints[{i}]: the robot has no {joint}; it has {}", names.join(", "))),
         }
         chunk.valid_mask |= 1 << joints[i];
     }
@@ -130,8 +117,9 @@ pub fn joints_as_json(joints: &Joints, names: &[String]) -> String {
     .to_string()
 }
 
-/// Returns the answer to a chunk that was dropped.
+/// Returns the answer to a chunk that was dropped. With six bytes for each character it fits the buffer of its connection.
 pub fn drop_as_json((reason, why): &NoChunk) -> String {
+    let why: String = why.chars().take(2048).collect();
     json!({ "dropped": reason.name(), "why": why }).to_string()
 }
 
@@ -167,18 +155,17 @@ mod tests {
             (r#""joints":["a","elbow"],"positions":[[1,2]]"#, r#"joints[1]: the robot has no "elbow"; it has a, b, c"#),
             (r#""joints":[3],"positions":[[1]]"#, "joints[0]: the robot has no 3; it has a, b, c"),
             (r#""joints":["b",1],"positions":[[1,2]]"#, "joints[1]: 1 is named twice"),
-            (r#""joints":["a"],"positions":[]"#, "positions, rate_hz: 0 rows at 20 Hz; 1 to 100 rows at 1 to 200 Hz"),
+            (r#""joints":["a"],"positions":[]"#, "positions, rate_hz: 0 rows at 20 Hz; 1 to 100 at 1 to 200 Hz"),
             (r#""joints":["a"],"positions":[[1],[1,2]]"#, "positions: rows of [1, 2] numbers; 2 rows of 1 are needed"),
             (r#""joints":["a"],"positions":[[1]],"closure":[[],null]"#, "closure: rows of [] numbers; 1 rows of 1"),
-            (
-                r#""joints":["a"],"positions":[[1]],"speed":1"#,
-                "unknown field `speed`, expected one of `joints`, `rate_hz`",
-            ),
+            (r#""joints":["a"],"positions":[[1]],"speed":1"#, "unknown field `speed`, expected one of `joints`"),
             (&long, "more than 131072 bytes"),
         ] {
             let (reason, text) = parsed(changed).unwrap_err();
             assert!(reason == ChunkDrop::Shape && text.contains(expected), "{reason:?} {text}");
         }
         assert_eq!(parsed(r#""joints":["a"],"positions":[[NaN]]"#).unwrap_err().0, ChunkDrop::Value);
+        let name = parsed(&format!(r#""joints":["{}"],"positions":[[1]]"#, "\\u0001".repeat(20_000))).unwrap_err();
+        assert!(drop_as_json(&name).len() < 16_384, "it fits the buffer of a connection");
     }
 }

@@ -103,8 +103,8 @@ impl Server {
         Self { text: vec![0; POLICY_BYTES_MAX + 1], ..self }
     }
 
-    /// Reads what policies sent. `use_text` gets each message, or `None` for one beyond the rate of its connection. It returns an
-    /// answer, if there is one.
+    /// Reads what policies sent. `use_text` gets one message of each connection in a round, so that no skeleton waits for many,
+    /// and `None` for one beyond the rate of its connection. It returns an answer, if there is one.
     pub fn poll_policies(
         &mut self,
         now: Stamp,
@@ -116,14 +116,13 @@ impl Server {
                 let Some(seat) = place else { break };
                 match net::recv(&seat.socket, &mut self.text[..], RecvFlags::DONTWAIT) {
                     Ok((length @ 1.., _)) => {
-                        let admitted = seat.bucket.admit(now);
+                        let message = seat.bucket.admit(now).then_some(&self.text[..length]);
                         seat.heard = now;
-                        if !admitted {
-                            seat.muted_until = seat.bucket.next();
+                        use_text(seat.source(), message).iter().for_each(|answer| send_text(&seat.socket, answer));
+                        if message.is_some() {
+                            break;
                         }
-                        if let Some(answer) = use_text(seat.source(), admitted.then_some(&self.text[..length])) {
-                            send_text(&seat.socket, &answer);
-                        }
+                        seat.muted_until = seat.bucket.next();
                     }
                     Err(Errno::INTR | Errno::CONNRESET) => {}
                     Err(Errno::AGAIN) => break,
