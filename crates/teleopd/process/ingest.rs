@@ -137,32 +137,35 @@ impl PolicyDoor {
     fn receive(&mut self, process: &mut Process, sample: &Sample<PolicyChunk>) {
         let (now, raw) = (rt::now(), sample.message);
         let claim = self.lease.claim(now, sample, raw.session_nonce);
-        let _ = self.pass_on(process, now, claim, Ok(raw));
+        let _ = self.pass_on(process, now, claim, |_| Ok(raw));
     }
 
     /// Does the same with a message of the socket, which keeps their order. Returns the answer to one that is dropped.
     fn receive_text(&mut self, process: &mut Process, from: FrameSource, text: Option<&[u8]>) -> Option<String> {
-        let (now, names) = (rt::now(), &process.loaded.model.joint_names);
-        let parsed = rt::allocating_aside(|| doors::chunk_from_json(text.unwrap_or_default(), names, self.robot, now));
-        let chunk = parsed.map(|chunk| PolicyChunk { session_nonce: from.session_nonce, ..chunk });
+        let (now, robot) = (rt::now(), self.robot);
+        let chunk = |names: &[String]| doors::chunk_from_json(text.unwrap_or_default(), names, robot, now);
         self.lease.over_quota += u64::from(text.is_none());
         let dropped = self.pass_on(process, now, text.map(|_| identity(from)), chunk).err()?;
         Some(rt::allocating_aside(|| doors::drop_as_json(&dropped)))
     }
 
-    /// Passes on a chunk of `claim`. `None` is one that sent more than its quota.
+    /// Passes on a chunk of `claim`. `None` is one that sent more than its quota. Only the holder's is made, from the joints' names.
     fn pass_on(
         &mut self,
         process: &mut Process,
         now: Stamp,
         claim: Option<ClientIdentity>,
-        chunk: Result<PolicyChunk, NoChunk>,
+        chunk: impl FnOnce(&[String]) -> Result<PolicyChunk, NoChunk>,
     ) -> Result<(), NoChunk> {
         let known = |reason: ChunkDrop| (reason, reason.meaning().into());
         let judged = match claim {
             None => Err(known(ChunkDrop::Quota)),
             Some(claim) if !self.lease.admits(process, now, claim, "policies") => Err(known(ChunkDrop::Lease)),
-            Some(_) => chunk.and_then(|raw| self.state.judge(self.robot, now, &raw).map_err(known)),
+            Some(ClientIdentity { session_nonce, .. }) => {
+                let raw = rt::allocating_aside(|| chunk(&process.loaded.model.joint_names));
+                let raw = raw.map(|raw| PolicyChunk { session_nonce, ..raw });
+                raw.and_then(|raw| self.state.judge(self.robot, now, &raw).map_err(known))
+            }
         };
         match &judged {
             Ok(chunk) => {
