@@ -33,12 +33,11 @@ impl LiveView {
         };
         let channels = Topic::ALL.into_iter().map(channel).collect::<Result<_, _>>()?;
         files.retain(|(name, _)| name.ends_with(".urdf"));
-        let server =
-            context.websocket_server().name("teleopd").message_backlog_size(WAITING_MAX).bind("127.0.0.1", port);
-        let server = server.fetch_asset_handler_blocking_fn(move |_, uri| {
+        let server = context.websocket_server().name("teleopd").message_backlog_size(WAITING_MAX);
+        let server = server.bind("127.0.0.1", port).fetch_asset_handler_blocking_fn(move |_, uri| {
             let urdf = files.iter().find(|(name, _)| uri == format!("package://robot/{name}"));
             urdf.map(|(_, bytes)| bytes.clone())
-                .ok_or_else(|| format!("{uri}: there is only {:?}", files.first().map(|(name, _)| name)))
+                .ok_or_else(|| format!("there is only {:?}", files.first().map(|(name, _)| name)))
         });
         Ok(Self { channels, server: server.start_blocking()?, _context: context })
     }
