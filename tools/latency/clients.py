@@ -3,8 +3,8 @@
     python3 tools/latency/clients.py readers [SECONDS OF A RUN] [RUNS OF EACH KIND]
     python3 tools/latency/clients.py policy [SECONDS]
 
-`readers`: runs with 8 viewers of the live view and 8 readers of the joints, of which one each is stopped, and runs with
-none, in turns. Prints quantiles as medians of the runs. `policy`: sends chunks through the socket at random moments, and
+`readers`: runs beside 8 viewers of the live view and 8 readers of the joints, and runs without them, in turns. One viewer
+and one reader are stopped. Prints quantiles as medians of the runs. `policy`: sends chunks through the socket at random moments, and
 prints how many of the robot's commands rest on the newest chunk, by the time since the first tick after it was sent. Needs
 `cargo build --release -p teleopd -p replay -p record`.
 """
