@@ -58,7 +58,7 @@ impl Connection {
     /// Sends `word`. A client that does not read loses it.
     pub(crate) fn send(&self, word: Reply) {
         let nonce = if word.is_refusal() { 0 } else { self.session_nonce };
-        send(&self.socket, ReplyPacket::new(word, nonce));
+        send(&self.socket, &ReplyPacket::new(word, nonce).encode());
     }
 
     /// Reports to the client if it holds the lease: when that changes, and repeatedly while it does not.
@@ -82,7 +82,7 @@ impl Connection {
     }
 }
 
-/// Sends a reply without waiting. A client that does not read loses the reply and nothing else.
-pub(crate) fn send(socket: &OwnedFd, answer: ReplyPacket) {
-    let _ = net::send(socket, &answer.encode(), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
+/// Sends a packet without waiting. A client that does not read loses the packet and nothing else.
+pub(crate) fn send(socket: &OwnedFd, packet: &[u8]) {
+    let _ = net::send(socket, packet, SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
 }

@@ -10,8 +10,8 @@ use crate::protocol::{FEEDBACK_BYTES, HELLO_BYTES, Hello, Reply, ReplyPacket};
 use messages::{Feedback, Joints, Layout, RawSkeleton, Stamp};
 use rt::Peer;
 use rustix::io::Errno;
-use rustix::net::{self, RecvFlags, SendFlags};
-use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use rustix::net::{self, RecvFlags};
+use std::os::fd::{AsFd, BorrowedFd};
 use std::path::Path;
 
 /// Largest number of connections at once.
@@ -118,7 +118,9 @@ impl Server {
                     Ok((length @ 1.., _)) => {
                         let message = seat.bucket.admit(now).then_some(&self.text[..length]);
                         seat.heard = now;
-                        use_text(seat.source(), message).iter().for_each(|answer| send_text(&seat.socket, answer));
+                        use_text(seat.source(), message)
+                            .iter()
+                            .for_each(|answer| send(&seat.socket, answer.as_bytes()));
                         if message.is_some() {
                             break;
                         }
@@ -136,7 +138,7 @@ impl Server {
     pub fn send_joints(&self, joints: &Joints, names: &[String]) {
         let mut text = None;
         for seat in self.seats.iter().flatten().filter(|seat| seat.is_policy) {
-            send_text(&seat.socket, text.get_or_insert_with(|| joints_as_json(joints, names)));
+            send(&seat.socket, text.get_or_insert_with(|| joints_as_json(joints, names)).as_bytes());
         }
     }
 
@@ -174,7 +176,7 @@ impl Server {
         let mut bytes = [0; FEEDBACK_BYTES];
         feedback.write_to(&mut bytes);
         for seat in self.seats.iter().flatten().filter(|seat| seat.requests_feedback) {
-            let _ = net::send(&seat.socket, &bytes, SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
+            send(&seat.socket, &bytes);
         }
     }
 
@@ -227,7 +229,7 @@ impl Server {
                     }
                 },
             };
-            send(&socket, ReplyPacket::new(refusal, 0));
+            send(&socket, &ReplyPacket::new(refusal, 0).encode());
             self.record(refusal, peer);
         }
     }
@@ -354,10 +356,6 @@ fn deliver(
     let standing = use_frame(seat.source(), &frame);
     seat.send_standing(now, if standing == LeaseState::Holder { Reply::Holder } else { Reply::NotHolder });
     Ok(standing == LeaseState::Holder)
-}
-
-fn send_text(socket: &OwnedFd, text: &str) {
-    let _ = net::send(socket, text.as_bytes(), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
 }
 
 fn place(word: Reply) -> usize {
