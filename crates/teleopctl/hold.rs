@@ -141,7 +141,7 @@ impl EventPrinter {
 fn change(made: &Transition, status: &Status, names: &Names, let_go: bool) -> String {
     let why = explain::fault_behind(made, status, names);
     match (Mode::from_u32(made.to), made.why, why) {
-        (Some(Mode::Engaging), ..) => "engaging: the robot moves to the person's posture slowly".into(),
+        (Some(Mode::Engaging), ..) => "engaging: the robot moves slowly to the posture that it will follow".into(),
         (Some(Mode::Engaged), ..) => "engaged: the robot follows".into(),
         (Some(Mode::Recovering), ..) => "recovering: the robot moves back slowly".into(),
         (Some(Mode::Holding), _, Some(why)) => format!("holding because of {why}"),

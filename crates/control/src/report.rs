@@ -5,7 +5,7 @@ use crate::robot_state::{Posture, Robot};
 use crate::target::Target;
 use crate::tick::Gated;
 use crate::{Commanded, Config, Input, limited, payload, status};
-use messages::{Fault, Header, InputStatus, Mode, Stamp, Status, Subject, Transition, source_flag};
+use messages::{Fault, Header, InputStatus, Mode, PersonChange, Stamp, Status, Subject, Transition, source_flag};
 use safety::engage::{self, MotionView};
 
 /// Silence of `ingest` after which its status is ignored, ns: ten of its periods.
@@ -48,9 +48,10 @@ impl Report {
     }
 
     /// Returns the code of what a transition is about: a joint, a pair or a change of the person.
-    pub(super) fn subject_of(&self, transition: &Transition, person_change: Option<Subject>) -> Option<u32> {
+    pub(super) fn subject_of(&self, transition: &Transition, change: PersonChange) -> Option<u32> {
         let fault = Fault::from_u32(transition.why)?;
-        let subject = if fault == Fault::PersonChanged { person_change } else { self.status.about(fault) };
+        let person = (fault == Fault::PersonChanged).then_some(Subject::Person(change));
+        let subject = person.or_else(|| self.status.about(fault));
         Some(subject.map_or(0, Subject::code))
     }
 

@@ -5,8 +5,7 @@
 use crate::Config;
 use crate::leaders::Leaders;
 use messages::{
-    HAND_NODES, JOINTS_MAX, JointTarget, LIMBS, Mode, PersonChange, Stamp, Subject, TRAJECTORY_NODES, source_flag,
-    target_flag,
+    HAND_NODES, JOINTS_MAX, JointTarget, LIMBS, Mode, PersonChange, Stamp, TRAJECTORY_NODES, source_flag, target_flag,
 };
 use retarget::Limbs;
 use robot::Model;
@@ -29,6 +28,9 @@ pub(super) struct Targets {
     /// Steps of that target.
     steps: TargetSteps,
     jumped: bool,
+    /// The session that counted in the last tick, and why it is another one than before.
+    session: u64,
+    pub(super) change: PersonChange,
 }
 
 /// The newest target of one source, and what the check on its arrival found.
@@ -105,12 +107,19 @@ impl Targets {
     /// Decides who leads. `q` is the command of the last tick, `mode` the mode since then.
     pub(super) fn lead(&mut self, model: &Model, now: Stamp, takes_over: [bool; 2], q: &[f64; JOINTS_MAX], mode: Mode) {
         let (mut leaders, mut steps) = (std::mem::take(&mut self.leaders), std::mem::take(&mut self.steps));
-        self.led = None;
-        let (Some(policy), person) = (self.policy(), self.person.newest.as_ref()) else { return };
-        leaders.update(model, now, (person, policy), takes_over, (q, mode));
-        let target = leaders.target(model, person, policy);
-        let jumped = steps.jumped(model, target.k, &target.q, target.valid_mask, None);
-        (self.leaders, self.led, self.steps, self.jumped) = (leaders, Some(target), steps, jumped);
+        let was_led = self.led.take().is_some();
+        if let (Some(policy), person) = (self.policy(), self.person.newest.as_ref()) {
+            leaders.update(model, now, (person, policy), takes_over, (q, mode));
+            let target = leaders.target(model, person, policy);
+            let jumped = steps.jumped(model, target.k, &target.q, target.valid_mask, None);
+            (self.leaders, self.led, self.steps, self.jumped) = (leaders, Some(target), steps, jumped);
+        }
+        let session = self.view().session_nonce;
+        if session != std::mem::replace(&mut self.session, session) {
+            let is_person = session == self.person.view.session_nonce.max(1) && (self.led.is_some() || !was_led);
+            let person = self.person.newest.as_ref().filter(|_| is_person);
+            self.change = person.map_or(PersonChange::Policy, |person| PersonChange::from_flags(person.flags));
+        }
     }
 
     /// The policy's target while it holds its lease. A `retarget` that was restarted since knows of no policy.
@@ -151,11 +160,6 @@ impl Targets {
         view
     }
 
-    /// The change of the person that the newest target reports.
-    pub(super) fn person_change(&self) -> Option<Subject> {
-        self.person.newest.as_ref().map(|target| Subject::Person(PersonChange::from_flags(target.flags)))
-    }
-
     /// Reduces the newest target: no joint of an arm that is left out is valid, and nobody drives the arm. `None`
     /// before the first target.
     pub(super) fn reduced(&self, model: &Model, left_out: [bool; 2]) -> Option<Target> {
@@ -169,6 +173,7 @@ impl Targets {
         let nobody_else = source_flag::PERSON[0] | source_flag::PERSON[1];
         let sources = if self.led.is_some() { self.leaders.sources() } else { nobody_else };
         let of_side = |side: usize| source_flag::PERSON[side] | source_flag::POLICY[side];
+        let closes = |side: usize| target.flags & target_flag::CLOSURE[side] != 0 && target.closure[side].is_finite();
         Some(Target {
             may_be_followed: view.input_fresh && target.robot == model.id(),
             stamp: target.header.stamp,
@@ -185,7 +190,9 @@ impl Targets {
                 hands: target.hand_trajectory,
                 places: target.hand_places,
             }),
-            closure: core::array::from_fn(|side| of_arm(side).and_then(|side| closure(target, side))),
+            closure: core::array::from_fn(|side| {
+                of_arm(side).filter(|&side| closes(side)).map(|side| target.closure[side].into())
+            }),
             sources: (0..2).filter_map(of_arm).fold(0, |all, side| all | sources & of_side(side)),
         })
     }
@@ -194,11 +201,6 @@ impl Targets {
 /// The person's limbs of an arm. `None` without a person.
 pub(super) fn limbs(target: &JointTarget, side: usize) -> Option<Limbs> {
     Limbs::from_arm(side, [target.human_limbs[2 * side], target.human_limbs[2 * side + 1]])
-}
-
-fn closure(target: &JointTarget, side: usize) -> Option<f64> {
-    let known = target.flags & target_flag::CLOSURE[side] != 0 && target.closure[side].is_finite();
-    known.then_some(f64::from(target.closure[side]))
 }
 
 /// Returns true if the command follows the limbs, and not the joints.

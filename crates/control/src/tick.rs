@@ -128,7 +128,7 @@ impl State {
         };
         let mut decided = engage::tick(&config.engage, &mut self.engage, now, observed);
         if let Some(transition) = &mut decided.transition
-            && let Some(subject) = self.report.subject_of(transition, self.targets.person_change())
+            && let Some(subject) = self.report.subject_of(transition, self.targets.change)
         {
             transition.about = subject;
         }

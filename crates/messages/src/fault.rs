@@ -94,7 +94,7 @@ faults! {
     DeadlinesLate: Hold, 1, "Control missed deadlines too often within a second.";
     OperatorSilent: Release, 1, "The enable heartbeat stopped, or its client disconnected.";
     WriterRestarted: Release, 1, "Retargeting or the driver restarted.";
-    PersonChanged: Release, 1, "The person or the client changed, frames contradicted each other, or ingest restarted.";
+    PersonChanged: Release, 1, "The person, the client or the policy changed, frames contradicted each other, or ingest restarted.";
     HoldTimeout: Release, 1, "Holding lasted too long.";
     EmergencyStop: Stop, 1, "The emergency stop was pressed, by an operator or at the robot.";
     StateStale: Stop, 1, "The robot state stopped arriving.";
