@@ -72,7 +72,7 @@ fn f137_f138_policy_of_the_book_at_the_socket_leads_until_it_hangs() {
         for (from, to, reason, why) in [
             ("arm_left_1_joint", "elbow", "shape", "joints[0]: the robot has no \"elbow\"; it has torso_"),
             ("0.31", "NaN", "value", "line 1 column"),
-            ("0.31", "null", "value", "a position or velocity is not finite"),
+            ("0.31", "null", "value", "a value is not finite"),
             (&now, "1", "old", "10 s after its observation"),
             (&now, &now, "", ""),
         ] {

@@ -9,7 +9,7 @@
 //! - The plan of the command comes to rest inside the limits.
 //!
 //! The gate has its own kinematics and distances. With them it checks that the command, ten instants of the
-//! plan, and its rest posture are clear of self-collision and of the surroundings (see `way`). The
+//! plan, and its rest posture are clear of self-collision and of the surroundings (see `stop_clearance`). The
 //! certificate of whole-body control covers what lies between these instants. So an error of that certificate
 //! is bounded by how much a robot can come closer and move apart again between two instants.
 //!
@@ -25,10 +25,10 @@ mod hand;
 mod interface;
 mod known;
 mod stop;
+mod stop_clearance;
 mod stored;
 #[cfg(test)]
 mod tests;
-mod way;
 
 use messages::{JOINTS_MAX, JointMotion, Stamp};
 use robot::Model;
@@ -41,8 +41,8 @@ use crate::engage::Permit;
 use check::{Limits, all_limits, comes_to_rest, same_stop};
 use fixed::{Point, UNITS};
 use stop::Stop;
+use stop_clearance::{Memory, Requirement, StopClearance};
 use stored::{Phases, Stored, quantised_phases, write_phases};
-use way::{Asked, Memory, Ways};
 
 /// Slack for the distance routine, m. It errs by less than 1e-12 m at the size of a robot (`clearance` tests).
 const CLEARANCE_SLACK_M: f64 = 1e-9;
@@ -61,7 +61,7 @@ pub struct Config {
     /// Number of the robot's joints. Everything beyond it must be zero.
     count: usize,
     limits: [Limits; JOINTS_MAX],
-    ways: Ways,
+    stop_clearance: StopClearance,
     d_min_m: f64,
     /// Largest speed of each joint in a recovery, in units.
     recovery_v: [i64; JOINTS_MAX],
@@ -85,7 +85,7 @@ impl Config {
         Ok(Self {
             count: model.count,
             limits: all_limits(&model.joint_names, &model.limits, model.stop_time_max_s)?,
-            ways: Ways::new(model, interface, &model.limits)?,
+            stop_clearance: StopClearance::new(model, interface, &model.limits)?,
             d_min_m: model.d_min_m,
             recovery_v: model.prismatic.map(|slides| {
                 let speed = if slides { RECOVERY_M_PER_S } else { RECOVERY_RAD_PER_S };
@@ -97,7 +97,7 @@ impl Config {
 
     /// Looks at every pair in every tick, so that a test can compare the verdicts.
     pub fn without_known_for_tests(mut self) -> Self {
-        self.ways.uses_known = false;
+        self.stop_clearance.uses_known = false;
         self
     }
 
@@ -108,7 +108,7 @@ impl Config {
             return Err(ConfigError::HandSpeed(max));
         }
         let fastest = self.limits.map(|limits| limits.v as f64 / UNITS);
-        let body = &self.ways.body;
+        let body = &self.stop_clearance.body;
         let could = (0..body.point_count()).any(|i| body.fastest(i, &fastest) > max);
         Ok(Self { hand_speed_m_per_s: could.then_some(max), ..self })
     }
@@ -271,17 +271,17 @@ fn judge(config: &Config, state: &mut State, ticks: u64, proposed: &Proposed) ->
     let mut phases = [Phases::default(); JOINTS_MAX];
     let mut on_plan = [Point::default(); JOINTS_MAX];
     let mut all_on_plan = true;
-    let asked = &proposed.motion;
+    let motion = &proposed.motion;
     for j in 0..config.count {
-        let point = Point::quantised(asked.q[j], asked.v[j], asked.a[j]);
-        let stop = quantised_phases(&asked.plan, j);
+        let point = Point::quantised(motion.q[j], motion.v[j], motion.a[j]);
+        let stop = quantised_phases(&motion.plan, j);
         let denial = Denial::Joint { joint: j, check: Check::Finite };
         (next[j], phases[j]) = point.zip(stop).ok_or(denial)?;
         let (plan_point, plan_rest) = state.stored.joint(j, ticks);
         on_plan[j] = plan_point;
         all_on_plan &= next[j].is_near(plan_point, check::SLACK) && same_stop(&phases[j], &plan_rest);
     }
-    if let Some(joint) = (config.count..JOINTS_MAX).find(|&j| !is_absent(asked, j)) {
+    if let Some(joint) = (config.count..JOINTS_MAX).find(|&j| !is_absent(motion, j)) {
         return Err(Denial::Joint { joint, check: Check::Absent });
     }
     if all_on_plan {
@@ -306,15 +306,15 @@ fn judge(config: &Config, state: &mut State, ticks: u64, proposed: &Proposed) ->
         stops[j] = judged.map_err(|check| Denial::Joint { joint: j, check })?;
     }
     if let Some(max) = config.hand_speed_m_per_s {
-        hand::judge(&config.ways.body, max, &next, &stops)?;
+        hand::judge(&config.stop_clearance.body, max, &next, &stops)?;
     }
-    let mut asked = Asked { least_m: config.d_min_m - CLEARANCE_SLACK_M, interface: !recovers };
+    let mut required = Requirement { least_m: config.d_min_m - CLEARANCE_SLACK_M, interface: !recovers };
     if recovers {
-        let at_last = config.ways.clearance_m(&last.map(|point| point.q as f64 / UNITS));
+        let at_last = config.stop_clearance.clearance_m(&last.map(|point| point.q as f64 / UNITS));
         // If the clearance is NaN, d_min stays.
-        asked.least_m = asked.least_m.min(at_last - RECOVERY_SLACK_M);
+        required.least_m = required.least_m.min(at_last - RECOVERY_SLACK_M);
     }
-    let clearance_m = config.ways.judge(&next, &stops, asked, &mut state.memory)?;
+    let clearance_m = config.stop_clearance.judge(&next, &stops, required, &mut state.memory)?;
     Ok(Some((Stored::new(next, phases), clearance_m)))
 }
 

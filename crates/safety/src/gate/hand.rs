@@ -14,7 +14,7 @@ use super::body::{Body, Places, unplaced};
 use super::denial::Denial;
 use super::fixed::{Point, UNITS};
 use super::stop::Stop;
-use super::way::{positions, sample_times};
+use super::stop_clearance::{positions, sample_times};
 
 /// Rounding of a speed, m/s. The rounding of positions and speeds is below 1e-10 rad and rad/s, that of
 /// levers below 1e-14 m.

@@ -9,12 +9,12 @@ use rand_pcg::Pcg64;
 use robot::Frames;
 
 /// Requirements for every motion of these tests.
-const ASKED: Asked = Asked { least_m: 0.01, interface: true };
+const REQUIRED: Requirement = Requirement { least_m: 0.01, interface: true };
 /// States so close to the least clearance are skipped, because rounding decides them.
 const UNDECIDED_M: f64 = 1e-9;
 
-fn ways(model: &Model, interface: &Interface) -> Ways {
-    Ways::new(model, interface, &model.limits).expect("the robot of the repository is allowed")
+fn stop_clearance(model: &Model, interface: &Interface) -> StopClearance {
+    StopClearance::new(model, interface, &model.limits).expect("the robot of the repository is allowed")
 }
 
 fn random_posture(model: &Model, rng: &mut Pcg64) -> [f64; JOINTS_MAX] {
@@ -32,7 +32,7 @@ fn least_m(model: &Model, q: &[f64; JOINTS_MAX]) -> f64 {
 fn surroundings(model: &mut Model, rng: &mut Pcg64, none: bool) {
     loop {
         model.obstacles = if none { vec![] } else { solids(rng) };
-        let clear = |q: [f64; JOINTS_MAX]| least_m(model, &q) >= ASKED.least_m;
+        let clear = |q: [f64; JOINTS_MAX]| least_m(model, &q) >= REQUIRED.least_m;
         if (0..40).filter(|_| clear(random_posture(model, rng))).count() > 5 {
             return;
         }
@@ -144,7 +144,7 @@ fn looked_at(phases: &[Phases; JOINTS_MAX]) -> Vec<u64> {
 fn expected(model: &Model, next: &[Point; JOINTS_MAX], phases: &[Phases; JOINTS_MAX]) -> Option<&'static str> {
     let stored = Stored::new(*next, *phases);
     let ticks = looked_at(phases);
-    let spare = |ticks: u64| least_m(model, &played(&stored, ticks)) - ASKED.least_m;
+    let spare = |ticks: u64| least_m(model, &played(&stored, ticks)) - REQUIRED.least_m;
     let (at_command, at_rest) = (spare(0), spare(ticks[9]));
     let on_the_way = ticks[..9].iter().map(|&ticks| spare(ticks)).fold(f64::INFINITY, f64::min);
     let all = [(at_command, "command"), (at_rest, "rest"), (on_the_way, "way")];
@@ -157,14 +157,14 @@ fn clear_posture(model: &Model, rng: &mut Pcg64) -> [f64; JOINTS_MAX] {
     loop {
         let (from, to) = (random_posture(model, rng), random_posture(model, rng));
         let at = |s: f64| -> [f64; JOINTS_MAX] { std::array::from_fn(|j| from[j] + s * (to[j] - from[j])) };
-        if least_m(model, &at(0.0)) < ASKED.least_m {
+        if least_m(model, &at(0.0)) < REQUIRED.least_m {
             continue;
         }
         // The posture goes as far towards the other one as a few halvings find it clear, and back by a little.
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..rng.random_range(1..12) {
             let middle = (low + high) / 2.0;
-            if least_m(model, &at(middle)) >= ASKED.least_m { low = middle } else { high = middle }
+            if least_m(model, &at(middle)) >= REQUIRED.least_m { low = middle } else { high = middle }
         }
         return at(low);
     }
@@ -174,20 +174,20 @@ fn clear_posture(model: &Model, rng: &mut Pcg64) -> [f64; JOINTS_MAX] {
 fn stop_verdict_matches_all_distances_at_all_samples() {
     let mut model = shipped();
     let mut rng = Pcg64::seed_from_u64(33);
-    let mut own = ways(&model, &Interface::default());
+    let mut own = stop_clearance(&model, &Interface::default());
     let mut counts = std::collections::BTreeMap::<&str, u32>::new();
     let mut memory = Memory::new();
     for n in 0..8000 {
         if n % 50 == 0 {
             surroundings(&mut model, &mut rng, n % 100 == 0);
-            own = ways(&model, &Interface::default());
+            own = stop_clearance(&model, &Interface::default());
             memory = Memory::new();
         }
         let q = if n % 7 == 0 { random_posture(&model, &mut rng) } else { clear_posture(&model, &mut rng) };
         let (next, phases) = random_motion(&model, &mut rng, &q);
         let Some(expected) = expected(&model, &next, &phases) else { continue };
         let stops = std::array::from_fn(|j| stop_of(next[j], &phases[j]));
-        let got = own.judge(&next, &stops, ASKED, &mut memory);
+        let got = own.judge(&next, &stops, REQUIRED, &mut memory);
         let verdict = match got {
             Ok(clearance_m) => {
                 assert!((clearance_m - least_m(&model, &played(&Stored::new(next, phases), 0))).abs() < 1e-9, "{n}");
@@ -209,17 +209,17 @@ fn stop_verdict_matches_all_distances_at_all_samples() {
 fn pair_without_samples_is_clear_at_every_instant() {
     let mut model = shipped();
     let mut rng = Pcg64::seed_from_u64(34);
-    let (mut own, mut proved, mut left) = (ways(&model, &Interface::default()), 0, 0);
+    let (mut own, mut proved, mut left) = (stop_clearance(&model, &Interface::default()), 0, 0);
     for n in 0..1500 {
         if n % 50 == 0 {
             surroundings(&mut model, &mut rng, n % 100 == 0);
-            own = ways(&model, &Interface::default());
+            own = stop_clearance(&model, &Interface::default());
         }
         let q = clear_posture(&model, &mut rng);
         let (next, phases) = random_motion(&model, &mut rng, &q);
         let stops: [Stop; JOINTS_MAX] = std::array::from_fn(|j| stop_of(next[j], &phases[j]));
         let mut memory = Memory::new();
-        let Ok((_, count)) = own.at_command(&next, &stops, ASKED, &mut memory) else { continue };
+        let Ok((_, count)) = own.at_command(&next, &stops, REQUIRED, &mut memory) else { continue };
         let open: std::collections::BTreeSet<_> =
             memory.open[..count].iter().map(|open| usize::from(open.pair)).collect();
         (proved, left) = (proved + own.body.pair_count() - count, left + count);
@@ -228,7 +228,7 @@ fn pair_without_samples_is_clear_at_every_instant() {
             let at = (longest as f64 * rng.random::<f64>()) as i64;
             let posed = Posed::new(&own.body, &positions(&std::array::from_fn(|j| stops[j].at(at))));
             for pair in (0..own.body.pair_count()).filter(|pair| !open.contains(pair)) {
-                assert!(own.body.distance(pair, &posed.axes) >= ASKED.least_m, "{n}: {:?}", own.body.named(pair));
+                assert!(own.body.distance(pair, &posed.axes) >= REQUIRED.least_m, "{n}: {:?}", own.body.named(pair));
             }
         }
     }
@@ -243,18 +243,18 @@ fn accepted_motion_with_lag_and_deviation_keeps_clearance() {
     let controller = std::array::from_fn(|j| if j < 3 { [0, 1, 1][j] } else { 2 + (j - 3) / 7 });
     let interface = Interface { off: [1e-4; JOINTS_MAX], skew_s: 0.01, controller };
     let (mut accepted, mut denied, mut closer) = (0, 0, 0);
-    let mut own = [interface, Interface::default()].map(|interface| ways(&model, &interface));
+    let mut own = [interface, Interface::default()].map(|interface| stop_clearance(&model, &interface));
     for n in 0..3000 {
         if n % 50 == 0 {
             surroundings(&mut model, &mut rng, n % 100 == 0);
-            own = [interface, Interface::default()].map(|interface| ways(&model, &interface));
+            own = [interface, Interface::default()].map(|interface| stop_clearance(&model, &interface));
         }
         let q = clear_posture(&model, &mut rng);
         let (next, _) = random_motion(&model, &mut rng, &q);
         let phases: [Phases; JOINTS_MAX] =
             std::array::from_fn(|j| braking(next[j], (0.5 * model.limits[j].j_max * UNITS) as i64));
         let stops: [Stop; JOINTS_MAX] = std::array::from_fn(|j| stop_of(next[j], &phases[j]));
-        let [with, without] = own.each_ref().map(|own| own.judge(&next, &stops, ASKED, &mut Memory::new()).is_ok());
+        let [with, without] = own.each_ref().map(|own| own.judge(&next, &stops, REQUIRED, &mut Memory::new()).is_ok());
         assert!(without || !with);
         denied += u32::from(without && !with);
         if !without {
@@ -274,7 +274,7 @@ fn accepted_motion_with_lag_and_deviation_keeps_clearance() {
             let posed = Posed::new(body, &q);
             let alone = |&pair: &usize| body.between(pair).all(|(j, _)| controller[j] == late);
             let mut pairs = (0..body.pair_count()).filter(|pair| !alone(pair));
-            let kept = pairs.all(|pair| body.distance(pair, &posed.axes) >= ASKED.least_m);
+            let kept = pairs.all(|pair| body.distance(pair, &posed.axes) >= REQUIRED.least_m);
             assert!(kept || !with, "{n}");
             closer += u32::from(!kept);
         }
@@ -287,7 +287,7 @@ fn accepted_motion_with_lag_and_deviation_keeps_clearance() {
 fn interface_out_of_bounds_is_refused() {
     let model = shipped();
     let sound = Interface { off: [1e-5; JOINTS_MAX], skew_s: 0.01, controller: [0; JOINTS_MAX] };
-    assert!(Ways::new(&model, &sound, &model.limits).is_ok());
+    assert!(StopClearance::new(&model, &sound, &model.limits).is_ok());
     type Damage = fn(&mut Interface);
     let cases: [Damage; 6] = [
         |i| i.skew_s = f64::NAN,
@@ -300,7 +300,7 @@ fn interface_out_of_bounds_is_refused() {
     for damage in cases {
         let mut interface = sound;
         damage(&mut interface);
-        let refused = Ways::new(&model, &interface, &model.limits);
+        let refused = StopClearance::new(&model, &interface, &model.limits);
         assert!(matches!(refused, Err(ConfigError::Interface { .. })), "{interface:?}");
     }
 }

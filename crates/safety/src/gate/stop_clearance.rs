@@ -49,7 +49,7 @@ use super::stop::Stop;
 use crate::clearance::Axis;
 
 #[cfg(test)]
-#[path = "tests/way.rs"]
+#[path = "tests/stop_clearance.rs"]
 mod tests;
 
 /// Number of instants at which a stop is judged.
@@ -87,7 +87,7 @@ const ALL: JointSet = (1 << JOINTS_MAX) - 1;
 
 /// Geometry and interface of one robot.
 #[derive(Clone, Debug)]
-pub(super) struct Ways {
+pub(super) struct StopClearance {
     pub(super) body: Body,
     deviation: Option<Deviation>,
     /// False if every pair is looked at, for a test that compares the verdicts.
@@ -103,7 +103,7 @@ struct Open {
 
 /// Requirements that a motion must keep.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Asked {
+pub(super) struct Requirement {
     /// Least clearance, m.
     pub(super) least_m: f64,
     /// If true, the pair must also keep what the interface may take.
@@ -141,7 +141,7 @@ impl Memory {
 /// The pair with the least kept distance: this distance (m), and the pair.
 type Worst = (f64, usize);
 
-impl Ways {
+impl StopClearance {
     pub(super) fn new(
         model: &Model,
         interface: &Interface,
@@ -176,30 +176,30 @@ impl Ways {
         &self,
         next: &[Point; JOINTS_MAX],
         stops: &[Stop; JOINTS_MAX],
-        asked: Asked,
+        required: Requirement,
         memory: &mut Memory,
     ) -> Result<f64, Denial> {
-        let (clearance_m, count) = self.at_command(next, stops, asked, memory)?;
+        let (clearance_m, count) = self.at_command(next, stops, required, memory)?;
         if count > 0 {
-            self.on_the_way(stops, asked, memory, count)?;
+            self.on_the_way(stops, required, memory, count)?;
         }
         Ok(clearance_m)
     }
 
-    fn deviation(&self, asked: Asked) -> Option<&Deviation> {
-        self.deviation.as_ref().filter(|_| asked.interface)
+    fn deviation(&self, required: Requirement) -> Option<&Deviation> {
+        self.deviation.as_ref().filter(|_| required.interface)
     }
 
     /// Largest distance of joint `j` from its position, rad or m, if it moves by `travel` units and its
     /// interface adds to that.
-    fn travel(&self, asked: Asked, stop: &Stop, j: usize, travel: i64) -> f64 {
+    fn travel(&self, required: Requirement, stop: &Stop, j: usize, travel: i64) -> f64 {
         let added = |deviation: &Deviation| deviation.most(j, stop.v as f64 / UNITS, stop.a as f64 / UNITS);
-        travel as f64 / UNITS + self.deviation(asked).map_or(0.0, added)
+        travel as f64 / UNITS + self.deviation(required).map_or(0.0, added)
     }
 
     /// Distance that a pair keeps, m, of its `distance_m` while the joints are at `x`.
-    fn kept(&self, asked: Asked, pair: usize, x: &[Point; JOINTS_MAX], distance_m: f64) -> f64 {
-        distance_m - self.deviation(asked).map_or(0.0, |deviation| deviation.loss_m(&self.body, pair, x))
+    fn kept(&self, required: Requirement, pair: usize, x: &[Point; JOINTS_MAX], distance_m: f64) -> f64 {
+        distance_m - self.deviation(required).map_or(0.0, |deviation| deviation.loss_m(&self.body, pair, x))
     }
 
     /// Judges the command. Returns its clearance and the number of pairs that it leaves open. They are listed
@@ -208,21 +208,21 @@ impl Ways {
         &self,
         next: &[Point; JOINTS_MAX],
         stops: &[Stop; JOINTS_MAX],
-        asked: Asked,
+        required: Requirement,
         memory: &mut Memory,
     ) -> Result<(f64, usize), Denial> {
         let (body, Memory { hint, known, posed, open, moved: [moved, _], .. }) = (&self.body, memory);
         posed.pose(body, &positions(next), ALL);
         known.go(body, next);
         *moved = NO_ROWS;
-        body.move_by(&std::array::from_fn(|j| self.travel(asked, &stops[j], j, stops[j].travel())), moved);
+        body.move_by(&std::array::from_fn(|j| self.travel(required, &stops[j], j, stops[j].travel())), moved);
         let mut least = f64::INFINITY;
         if *hint < body.pair_count() {
             least = posed.distance(body, *hint);
         }
         let (mut worst, mut count): (Worst, _) = ((f64::INFINITY, 0), 0);
         for pair in 0..body.pair_count() {
-            let needed = body.change(pair, moved) + asked.least_m + PROVED_M;
+            let needed = body.change(pair, moved) + required.least_m + PROVED_M;
             let bound = known.bound_m(body, pair);
             if self.uses_known && bound >= needed && bound > least {
                 continue;
@@ -241,11 +241,11 @@ impl Ways {
             if distance_m >= needed {
                 continue;
             }
-            worst = lesser(worst, (self.kept(asked, pair, next, distance_m), pair));
+            worst = lesser(worst, (self.kept(required, pair, next, distance_m), pair));
             open[count] = Open { pair: pair as u16, samples: (1 << SAMPLES) - 1 };
             count += 1;
         }
-        if worst.0 >= asked.least_m {
+        if worst.0 >= required.least_m {
             return Ok((least, count));
         }
         Err(Denial::ClearanceAtCommand { pair: body.named(worst.1) })
@@ -255,7 +255,7 @@ impl Ways {
     fn on_the_way(
         &self,
         stops: &[Stop; JOINTS_MAX],
-        asked: Asked,
+        required: Requirement,
         memory: &mut Memory,
         count: usize,
     ) -> Result<(), Denial> {
@@ -276,16 +276,16 @@ impl Ways {
                 continue;
             }
             for (span, moved) in spans.into_iter().zip(&mut *moved) {
-                self.set_moved(asked, stops, &samples, sample, span, moved);
+                self.set_moved(required, stops, &samples, sample, span, moved);
             }
             posed.pose(&self.body, &positions(&samples[sample]), joints);
             posed.make_ready(&self.body, capsules);
             let mut worst = (f64::INFINITY, 0);
             for open in open.iter_mut().filter(at) {
-                let (pair, kept) = self.look(asked, &samples[sample], posed, open, (sample, spans), moved);
+                let (pair, kept) = self.look(required, &samples[sample], posed, open, (sample, spans), moved);
                 worst = lesser(worst, (kept, pair));
             }
-            if worst.0 < asked.least_m {
+            if worst.0 < required.least_m {
                 let pair = self.body.named(worst.1);
                 return Err(if sample == END {
                     Denial::ClearanceAtRest { pair }
@@ -300,7 +300,7 @@ impl Ways {
     /// Sets the largest displacement of each body between a sample and those of a span.
     fn set_moved(
         &self,
-        asked: Asked,
+        required: Requirement,
         stops: &[Stop; JOINTS_MAX],
         samples: &[[Point; JOINTS_MAX]; SAMPLES],
         sample: usize,
@@ -310,7 +310,7 @@ impl Ways {
         if from < to {
             let farthest = |j: usize| {
                 let away = |other: &[Point; JOINTS_MAX]| (other[j].q - samples[sample][j].q).abs();
-                self.travel(asked, &stops[j], j, samples[from..to].iter().map(away).max().unwrap_or(0))
+                self.travel(required, &stops[j], j, samples[from..to].iter().map(away).max().unwrap_or(0))
             };
             *moved = NO_ROWS;
             self.body.move_by(&std::array::from_fn(farthest), moved);
@@ -321,7 +321,7 @@ impl Ways {
     /// Returns the pair, and the distance that it keeps or a lower bound of it, m.
     fn look(
         &self,
-        asked: Asked,
+        required: Requirement,
         x: &[Point; JOINTS_MAX],
         posed: &Posed,
         open: &mut Open,
@@ -336,7 +336,7 @@ impl Ways {
             if open.samples & span == 0 {
                 continue;
             }
-            let needed = asked.least_m + PROVED_M + self.body.change(pair, moved);
+            let needed = required.least_m + PROVED_M + self.body.change(pair, moved);
             if distance_m < needed && !exact {
                 (distance_m, exact) = (self.body.distance(pair, &posed.axes), true);
             }
@@ -344,9 +344,9 @@ impl Ways {
                 open.samples &= !span;
             }
         }
-        let mut kept = self.kept(asked, pair, x, distance_m);
-        if kept < asked.least_m && !exact {
-            kept = self.kept(asked, pair, x, self.body.distance(pair, &posed.axes));
+        let mut kept = self.kept(required, pair, x, distance_m);
+        if kept < required.least_m && !exact {
+            kept = self.kept(required, pair, x, self.body.distance(pair, &posed.axes));
         }
         (pair, kept)
     }
