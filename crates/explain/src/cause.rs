@@ -173,5 +173,7 @@ mod tests {
         assert!(text.starts_with(slow), "{text}");
         (status.reduced, status.limb_error_measured_rad) = (0, 0.0);
         assert_eq!(cause(&status, &Names::default()), "The robot moves to the person's posture slowly.");
+        status.sources = messages::source_flag::POLICY[1];
+        assert_eq!(cause(&status, &Names::default()), "The robot moves to the policy's posture slowly.");
     }
 }

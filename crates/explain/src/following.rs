@@ -7,10 +7,12 @@ use robot::Names;
 /// Limb error below which the robot counts as being at the person, deg. Nobody sees a smaller one. Assumption.
 pub const BEHIND_DEG: f64 = 3.0;
 
-/// Says how far the robot still is from the person's posture, and which limit or arm keeps it from there.
+/// Says how far the robot still is from the posture that it will follow, and which limit or arm keeps it from there.
 pub(crate) fn engages(status: &Status, names: &Names) -> String {
     let away = behind_deg(status).map(|degrees| format!(", {degrees:.0} degrees behind{}", limit(status, names)));
-    format!("The robot moves to the person's posture slowly{}.{}", away.unwrap_or_default(), unseen(status))
+    let is_policy = status.sources & (source_flag::POLICY[0] | source_flag::POLICY[1]) != 0;
+    let whose = if is_policy { "policy" } else { "person" };
+    format!("The robot moves to the {whose}'s posture slowly{}.{}", away.unwrap_or_default(), unseen(status))
 }
 
 /// Says how closely the robot follows, and which limit or arm keeps it from the person.

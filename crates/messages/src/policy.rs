@@ -72,7 +72,7 @@ crate::named! {
         Value = 2 => "value": "a value is not finite, or a position or velocity is beyond 10 turns; send radians and metres",
         Order = 3 => "order": "sequence and stamp must grow within a session; count on, or begin a new session",
         Old = 4 => "old": "its last row is over, or comes more than 10 s after its observation; send shorter chunks sooner",
-        Future = 5 => "future": "its start is more than 1 s ahead, or its observation is; stamp with CLOCK_MONOTONIC in ns",
+        Future = 5 => "future": "its start is more than 1 s ahead, or its observation more than 2 ms; stamp with CLOCK_MONOTONIC in ns",
         Lease = 6 => "lease": "another policy holds the lease, or held it when this session began; begin a new session after it",
         Quota = 7 => "quota": "its publisher sends more than 250 chunks a second; send fewer",
     }

@@ -95,7 +95,7 @@ CHUNK_DROPS = (
     "value: a value is not finite, or a position or velocity is beyond 10 turns; send radians and metres",
     "order: sequence and stamp must grow within a session; count on, or begin a new session",
     "old: its last row is over, or comes more than 10 s after its observation; send shorter chunks sooner",
-    "future: its start is more than 1 s ahead, or its observation is; stamp with CLOCK_MONOTONIC in ns",
+    "future: its start is more than 1 s ahead, or its observation more than 2 ms; stamp with CLOCK_MONOTONIC in ns",
     "lease: another policy holds the lease, or held it when this session began; begin a new session after it",
     "quota: its publisher sends more than 250 chunks a second; send fewer",
 )
