@@ -10,11 +10,9 @@ use std::collections::VecDeque;
 const SPEED_TICKS: usize = TICK_HZ as usize / 50;
 /// Ticks over which a mean is taken: 0.3 s.
 const MEAN_TICKS: usize = 3 * TICK_HZ as usize / 10;
-/// Difference of true and commanded speed that must have stopped the robot. It is a root mean square over
-/// `MEAN_TICKS`, as a share of the largest speed. The robot promises 0.25 of the largest speed in a mean with a
-/// time constant of 0.25 s. If the square has the mean M over 0.3 s, that mean ends at no less than M (0.3 /
-/// 0.25) exp(-0.3 / 0.25) = 0.36 M. This holds for any distribution of the square over time. So a share of 0.42
-/// is enough. The rest covers the lag of a servo.
+/// Difference of true and commanded speed that must have stopped the robot: a root mean square over `MEAN_TICKS`, as a share
+/// of the largest speed. The robot promises 0.25 in a mean with a time constant of 0.25 s. If the square has the mean M over
+/// 0.3 s, that mean ends at M (0.3 / 0.25) exp(-0.3 / 0.25) = 0.36 M or above, so 0.42 is enough. The rest is a servo's lag.
 const SPEED_SHARE: f64 = 0.5;
 /// Ticks that a sample, and the decision about it, may take to arrive.
 const LATE: u64 = 15;
@@ -23,8 +21,7 @@ const LATE: u64 = 15;
 const FAR_RAD: f64 = 0.045;
 /// Consecutive ticks for which it must be far: 10 ms.
 const FAR_TICKS: u64 = TICK_HZ / 100 + LATE;
-/// A joint stands if it stays within this range, rad, for `STANDS_TICKS` ticks. This requires less motion, for
-/// longer, than the robot's definition of rest.
+/// A joint stands if it stays within this range, rad, for `STANDS_TICKS` ticks: less motion, for longer, than at rest.
 const STANDS_RAD: f64 = 0.001;
 const STANDS_TICKS: usize = TICK_HZ as usize * 11 / 100;
 /// The robot's rest is a band of 5 mrad to both sides for 100 ms. These are the range, rad, with the noise of
@@ -33,8 +30,7 @@ const REST_RAD: f64 = 0.011;
 const REST_TICKS: usize = TICK_HZ as usize / 10 - LATE as usize;
 /// If a command is at rest for this many ticks and the robot is not, that must have been noticed: 2 s.
 const SETTLE_TICKS: u64 = 2 * TICK_HZ + LATE;
-/// Ticks for which a robot that lost its standstill must have stood before a reset, less those in which it may
-/// have begun to move.
+/// Ticks that a robot stood before a reset after its standstill was lost, less those in which it may begin to move.
 const STAND_AGAIN_TICKS: usize = TICK_HZ as usize - 2 * LATE as usize;
 /// The largest speed of a command at rest, rad/s or m/s.
 const COMMAND_REST: f64 = 1e-7;
@@ -84,6 +80,10 @@ impl Movement {
             self.truths.pop_front();
         }
         self.truths.push_back(seen.truth);
+        // It was moved while no driver ran. Here that takes no time.
+        if seen.driver_restarted && self.moved(seen, 2, FAR_RAD).is_some() {
+            self.truths.drain(..self.truths.len() - 1);
+        }
         self.honest = if seen.encoders_lie { 0 } else { self.honest + 1 };
         let other = seen.driver_restarted || seen.control_restarted;
         (self.known, self.lost) = if other { (0, None) } else { (self.known + 1, self.lost.map(|ticks| ticks + 1)) };
