@@ -57,15 +57,16 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         cycle = if is_late { now } else { cycle };
         timeline.add_until(tick_at(now), is_late);
         press(&mut robot, button.turned());
-        // Each setpoint acts at the time at which it was sent, whenever this process woke up. If one setpoint of
-        // a cycle is refused, the answer to all of them is a refusal.
-        let mut answer = None;
+        // Each setpoint acts at the time at which it was sent, whenever this process woke up or slept. If one setpoint
+        // of a cycle is refused, the answer to all of them is a refusal.
+        let (mut answer, mut newest) = (None, now);
         rt::allocating_aside(|| {
             setpoints.drain(|sample| {
                 let RobotSetpoint { header, robot: addressee, k, q, v, a, plan, grippers } = sample.message;
+                let sent = header.stamp.min(rt::now());
+                newest = newest.max(sent);
                 // A setpoint for another robot is refused like one that jumps.
-                let taken = addressee == id
-                    && robot.receive(&config, header.stamp.min(now), &plant::Setpoint { k, q, v, a, plan });
+                let taken = addressee == id && robot.receive(&config, sent, &plant::Setpoint { k, q, v, a, plan });
                 if taken {
                     robot.grip(&grippers);
                 }
@@ -74,7 +75,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
             })
         });
         refused = answer.unwrap_or(refused);
-        let measured = robot.measure(&config, now);
+        let measured = robot.measure(&config, newest);
         sequence += 1;
         let header = process.header(sequence, rt::now(), Stamp::NONE);
         let flags = flags(&measured, refused);
@@ -96,10 +97,9 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
 }
 
 fn press(robot: &mut Robot, turned: Option<bool>) {
-    match turned {
-        Some(true) => robot.inject(plant::Injection::EmergencyStopPressed),
-        Some(false) => robot.inject(plant::Injection::EmergencyStopReleased),
-        None => {}
+    use plant::Injection::{EmergencyStopPressed, EmergencyStopReleased};
+    if let Some(pressed) = turned {
+        robot.inject(if pressed { EmergencyStopPressed } else { EmergencyStopReleased });
     }
 }
 
