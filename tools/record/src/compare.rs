@@ -78,6 +78,7 @@ pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
         newest: 0,
         skeleton: None,
         target: None,
+        policy: None,
         state: None,
         command: None,
         status: None,
@@ -136,6 +137,7 @@ struct Stages {
     /// Newest message of each kind that its stage has not taken yet.
     skeleton: Option<Skeleton>,
     target: Option<JointTarget>,
+    policy: Option<JointTarget>,
     state: Option<RobotState>,
     /// Outputs of the last tick that belong in the recording and were not found yet.
     command: Option<JointCommand>,
@@ -174,7 +176,8 @@ impl Stages {
                     self.differs(&format!("status of tick {}", status.k));
                 }
             }
-            Content::Policy(_) | Content::Other { .. } => {}
+            Content::Policy(target) => self.policy = Some(*target),
+            Content::Other { .. } => {}
         }
     }
 
@@ -227,28 +230,22 @@ impl Stages {
             self.found.flaws.push(format!("tick {} follows tick {last}: the inputs between are missing", inputs.k));
             return;
         }
-        let number = |sequence: Option<u64>| sequence.unwrap_or_default();
-        let (target, state) = (self.target.take(), self.state.take());
-        let given =
-            (number(target.map(|target| target.header.sequence)), number(state.map(|state| state.header.sequence)));
-        if given != (inputs.target, inputs.state) {
+        let (target, policy, state) = (self.target.take(), self.policy.take(), self.state.take());
+        let headers = [target.map(|t| t.header), policy.map(|p| p.header), state.map(|s| s.header)];
+        let given = headers.map(|header| header.map_or(0, |header| header.sequence));
+        let used = [inputs.target, inputs.policy, inputs.state];
+        if given != used {
             self.found.flaws.push(format!(
-                "tick {} used target {} and state {}, but the recording has {} and {} before it",
-                inputs.k, inputs.target, inputs.state, given.0, given.1
+                "tick {} used the target, the policy's target and the state {used:?}, but the recording has {given:?} before it",
+                inputs.k
             ));
             return;
         }
         let config = &self.control;
         let control = self.control_state.get_or_insert_with(|| control::State::new(config, inputs.incarnation));
-        let input = control::Input {
-            k: inputs.k,
-            target: target.as_ref(),
-            policy: None,
-            robot: state.as_ref(),
-            operator: inputs.operator,
-            ingest: None,
-            realtime_ok: inputs.realtime_ok,
-        };
+        let &Inputs { k, operator, realtime_ok, .. } = inputs;
+        let (target, policy, robot) = (target.as_ref(), policy.as_ref(), state.as_ref());
+        let input = control::Input { k, target, policy, robot, operator, ingest: None, realtime_ok };
         let made = control::tick(config, control, inputs.now, input);
         self.command = made.command;
         // A recording has every `STATUS_EVERY`th status, and every transition.

@@ -16,6 +16,8 @@ pub struct Inputs {
     pub realtime_ok: bool,
     /// Sequence of the target that was taken. Zero means none.
     pub target: u64,
+    /// Sequence of the policy's target that was taken. Zero means none.
+    pub policy: u64,
     /// Sequence of the robot state that was taken. Zero means none.
     pub state: u64,
 }
@@ -29,6 +31,7 @@ impl Inputs {
             "incarnation": self.incarnation,
             "realtime_ok": self.realtime_ok,
             "target_sequence": self.target,
+            "policy_sequence": self.policy,
             "state_sequence": self.state,
             "operator": {
                 "connected": operator.connected,
@@ -64,6 +67,8 @@ impl Inputs {
             incarnation: u32::try_from(number("incarnation")?).ok()?,
             realtime_ok: value.get("realtime_ok")?.as_bool()?,
             target: number("target_sequence")?,
+            // Older recordings have none.
+            policy: number("policy_sequence").unwrap_or_default(),
             state: number("state_sequence")?,
             operator: OperatorView {
                 connected: bit("connected")?,
@@ -130,8 +135,16 @@ mod tests {
             payload,
             ..Default::default()
         };
-        let inputs =
-            Inputs { k: u64::MAX - 1, now: Stamp(7), incarnation: 3, operator, realtime_ok: true, target: 3, state: 0 };
+        let inputs = Inputs {
+            k: u64::MAX - 1,
+            now: Stamp(7),
+            incarnation: 3,
+            operator,
+            realtime_ok: true,
+            target: 3,
+            policy: 4,
+            state: 0,
+        };
         let text = inputs.to_json().to_string();
         assert_eq!(Inputs::from_json(text.as_bytes()), Some(inputs));
         assert_eq!(Inputs::from_json(text.replace("true", "1").as_bytes()), None);

@@ -40,12 +40,9 @@ impl OfflineRecording {
                 *failure = recording.add(&entry).err();
             }
         };
-        if let Some(skeleton) = &moment.skeleton {
-            encoder.encode(Sample::Skeleton(skeleton), &mut write);
-        }
-        if let Some(target) = &moment.target {
-            encoder.encode(Sample::Target(target), &mut write);
-        }
+        let skeleton = moment.skeleton.as_ref().map(Sample::Skeleton);
+        let targets = [moment.target.as_ref().map(Sample::Target), moment.policy_seen.as_ref().map(Sample::Policy)];
+        skeleton.into_iter().chain(targets.into_iter().flatten()).for_each(|sample| encoder.encode(sample, &mut write));
         if let Some(control) = &moment.control {
             let status = &control.status;
             let inputs = Inputs {
@@ -55,6 +52,7 @@ impl OfflineRecording {
                 operator: *operator,
                 realtime_ok: true,
                 target: moment.target_seen.map_or(0, |target| target.header.sequence),
+                policy: moment.policy_seen.map_or(0, |policy| policy.header.sequence),
                 state: moment.state_seen.map_or(0, |state| state.header.sequence),
             };
             encoder.encode(Sample::Inputs(&inputs), &mut write);

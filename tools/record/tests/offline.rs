@@ -2,7 +2,7 @@
 
 use crate::support::{contents, loaded, recorded_offline};
 use client::{PlayOptions, Player};
-use messages::{Mode, PayloadOrder, Skeleton, TICK_HZ};
+use messages::{CHUNK_ROWS_MAX, Header, Layout, Mode, PayloadOrder, PolicyChunk, Skeleton, TICK_HZ, source_flag};
 use motion::CalibrationMode;
 use motion::mcap::Ending;
 use record::{Compared, Content, Counts, Entry, OfflineRecording, Recording, Topic, bytes_of};
@@ -113,9 +113,9 @@ fn replay_of_a_recording_is_equal_and_one_changed_bit_is_found() {
     assert!(refused.contains("recorded with the settings"), "{refused}");
 }
 
-/// A payload that is set at run time is in the recording, and replay makes the same commands.
+/// Replay makes the same commands with a payload that is set at run time and a policy that leads the right arm.
 #[test]
-fn recording_with_a_payload_is_replayed_bit_for_bit() {
+fn recording_with_a_payload_and_a_policy_is_replayed_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     let (path, loaded) = (folder.path().join("run.mcap"), loaded());
     let config = WorldConfig::new(&loaded).unwrap();
@@ -123,11 +123,20 @@ fn recording_with_a_payload_is_replayed_bit_for_bit() {
     let mut recording = OfflineRecording::create(&path, &loaded).unwrap();
     let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
     let mut player = Player::new(&motion::builtin(), play, 5, 1);
-    let (mut mode, mut engaged) = (0, 0);
+    let (mut mode, mut engaged, mut led) = (0, 0, 0);
     for k in 0..6 * TICK_HZ {
         let now = world.now();
         if let Some((_, raw)) = player.due(now, mode == Mode::Engaged as u32) {
             world.publish(&raw);
+        }
+        if k % (TICK_HZ / 10) == 0 {
+            let header = Header { sequence: k + 1, stamp: now, origin: now, ..Header::ZERO };
+            let (q, period_ns) = ([loaded.model.home.map(|q| q as f32 + 0.1); CHUNK_ROWS_MAX], 50_000_000);
+            let (robot, rows, valid_mask) = (loaded.model.id(), 16, loaded.model.arms[1].range().map(|j| 1 << j).sum());
+            let chunk =
+                PolicyChunk { header, session_nonce: 9, robot, start: now, period_ns, rows, ..PolicyChunk::ZERO };
+            let chunk = PolicyChunk { valid_mask, q, ..chunk };
+            world.publish_chunk(&config, &chunk).expect("a valid chunk");
         }
         let order = PayloadOrder { mass_kg: 0.1 + 0.2, centre_m: Some([0.0, 1.0 / 30.0, -0.2]) };
         let operator = OperatorView {
@@ -135,6 +144,7 @@ fn recording_with_a_payload_is_replayed_bit_for_bit() {
             enable_level: k > TICK_HZ,
             enable_edge: k == TICK_HZ + 1,
             heartbeat_received: now,
+            takes_over: [true, false],
             payload: [Some(order).filter(|_| k == TICK_HZ), None],
             ..OperatorView::default()
         };
@@ -144,9 +154,11 @@ fn recording_with_a_payload_is_replayed_bit_for_bit() {
         assert_eq!(status.payload_kg[0] > 0.0, k >= TICK_HZ, "{:?}", status.payload_refused_why);
         mode = status.mode;
         engaged += u64::from(mode == Mode::Engaged as u32);
+        led |= status.sources;
     }
     recording.finish().unwrap();
     assert!(engaged > TICK_HZ, "it follows with the payload");
+    assert_eq!(led, source_flag::PERSON[0] | source_flag::POLICY[1]);
     let found = record::compare(&path, &loaded).expect("a comparison");
     assert!(found.equal() && found.commands.compared > 5 * TICK_HZ, "{found:?}");
     // If the mass differs in one bit, the statuses differ.
@@ -161,6 +173,15 @@ fn recording_with_a_payload_is_replayed_bit_for_bit() {
     });
     let found = record::compare(&changed, &loaded).expect("a comparison");
     assert!(!found.equal() && found.statuses.different > 0, "{found:?}");
+    // If the policy wanted another place, the commands differ.
+    rewritten(&path, &changed, 0, |content| {
+        if let Content::Policy(target) = content {
+            target.q.iter_mut().for_each(|q| *q += 1e-9);
+        }
+        true
+    });
+    let found = record::compare(&changed, &loaded).expect("a comparison");
+    assert!(found.commands.different > TICK_HZ, "{found:?}");
 }
 
 #[test]
