@@ -50,10 +50,7 @@ impl Tamper for Tampering<'_> {
             }
             _ => false,
         });
-        if let Some(before) = frozen {
-            *skeleton = before;
-            self.memory.skeleton = frozen;
-        }
+        freeze(frozen, skeleton, &mut self.memory.skeleton);
         true
     }
 
@@ -75,10 +72,7 @@ impl Tamper for Tampering<'_> {
             }
             content => alter(active, content, target, subject),
         });
-        if let Some(before) = frozen {
-            *target = before;
-            self.memory.target = frozen;
-        }
+        freeze(frozen, target, &mut self.memory.target);
         sent
     }
 
@@ -131,11 +125,15 @@ impl Tamper for Tampering<'_> {
             }
             _ => false,
         });
-        if let Some(before) = frozen {
-            *state = before;
-            self.memory.state = frozen;
-        }
+        freeze(frozen, state, &mut self.memory.state);
         sent
+    }
+}
+
+/// Sends a frozen message again, and remembers it.
+fn freeze<M: Copy>(frozen: Option<M>, message: &mut M, memory: &mut Option<M>) {
+    if let Some(before) = frozen {
+        (*message, *memory) = (before, frozen);
     }
 }
 

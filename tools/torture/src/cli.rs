@@ -39,10 +39,6 @@ pub struct AttackArgs {
     /// Ticks of control under attack, all parts together. 1500 are one second of the robot. The goals are additional.
     #[arg(long, default_value_t = 1_000_000)]
     pub ticks: u64,
-    /// Seed of every choice of the attackers. The same seed gives the same figures on any number of threads,
-    /// except durations.
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
     /// Run only this part of the attack, as a failure names it: 0 for the first 100,000 ticks. Skips the goals.
     #[arg(long, value_name = "N")]
     pub part: Option<u64>,
@@ -54,9 +50,6 @@ pub struct AttackArgs {
     pub changes: Changes,
     #[command(flatten)]
     pub common: Common,
-    /// Number of threads. More threads than idle cores make the durations meaningless.
-    #[arg(long, default_value_t = cores())]
-    pub threads: usize,
 }
 
 /// Changes of the attacked stages, to show that the attacks are effective. By default they run as in the daemon.
@@ -87,6 +80,12 @@ pub struct Common {
     /// Another robot than that of the settings: its name, or its robot file.
     #[arg(long, value_name = "NAME|FILE")]
     pub robot: Option<RobotChoice>,
+    /// Seed of every random choice. The same seed gives the same figures on any number of threads, except durations.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Number of threads. More threads than idle cores make the durations meaningless.
+    #[arg(long, default_value_t = cores())]
+    pub threads: usize,
 }
 
 /// Options of `stop-times`.
@@ -95,14 +94,8 @@ pub struct StopTimesArgs {
     /// Number of random states of all joints.
     #[arg(long, default_value_t = 1_000_000)]
     pub states: u64,
-    /// Seed of the random states.
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
     #[command(flatten)]
     pub common: Common,
-    /// Number of threads.
-    #[arg(long, default_value_t = cores())]
-    pub threads: usize,
 }
 
 /// Checks a number of ticks or states, and of threads.
@@ -114,7 +107,7 @@ pub fn check_counts(option: &str, count: u64, threads: usize) -> Result<(), Fail
 impl AttackArgs {
     pub fn check(&self) -> Result<(), Failure> {
         check_bounds("--payload-kg", self.changes.payload_kg, [0.0, robot::PAYLOAD_MAX_KG])?;
-        check_counts("--ticks", self.ticks, self.threads)?;
+        check_counts("--ticks", self.ticks, self.common.threads)?;
         check_bounds("--goals", self.goals, [0, TICKS_MAX])?;
         let parts = self.ticks.div_ceil(PART_TICKS);
         match self.part.filter(|&part| part >= parts) {

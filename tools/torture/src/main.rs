@@ -38,20 +38,20 @@ fn attack(args: &AttackArgs) -> Result<bool, Failure> {
         bar.set_message(if goals > 0 { format!(", {visited}/{goals} goals") } else { String::new() });
     };
     show_goals(0);
-    let parts_figures = in_parallel(args.threads, jobs as usize, |job| {
+    let parts_figures = in_parallel(args.common.threads, jobs as usize, |job| {
         let job = job as u64;
         if args.part.is_some_and(|part| part != job) {
             return RunFigures::default();
         }
         if job < parts {
             let ticks = chunk::PART_TICKS.min(args.ticks - job * chunk::PART_TICKS);
-            let figures = chunk::run(&subject, args.seed, job, ticks);
+            let figures = chunk::run(&subject, args.common.seed, job, ticks);
             bar.add(ticks);
             return figures;
         }
         let part = job - parts;
         let count = goals::PART_GOALS.min(goals - part * goals::PART_GOALS);
-        let goals = goals::run(&subject, derived_seed(args.seed, u64::MAX / 2), part, count);
+        let goals = goals::run(&subject, derived_seed(args.common.seed, u64::MAX / 2), part, count);
         show_goals(count);
         RunFigures { goals, ..RunFigures::default() }
     });
@@ -76,11 +76,11 @@ fn attack(args: &AttackArgs) -> Result<bool, Failure> {
 }
 
 fn measure_stops(args: &StopTimesArgs) -> Result<bool, Failure> {
-    check_counts("--states", args.states, args.threads)?;
+    check_counts("--states", args.states, args.common.threads)?;
     let subject = args.common.subject(Changes::default())?;
     let bounds = subject.wbc.bounds();
     let bar = Progress::new("torture", args.states, "states");
-    let times = stop_times::run(bounds, args.states, args.seed, args.threads, |states| bar.add(states));
+    let times = stop_times::run(bounds, args.states, args.common.seed, args.common.threads, |states| bar.add(states));
     drop(bar);
     print(&report::stop_times_text(&times, bounds, &subject.model));
     Ok(times.exceeded() == 0)

@@ -34,7 +34,7 @@ pub fn attack_text(args: &AttackArgs, f: &RunFigures, model: &Model, machine: &M
         Changes { no_torque: true, .. } => ", WITHOUT the proof of torques",
         _ => "",
     };
-    let attack = format!("{name}: {} ticks at {TICK_HZ} Hz, seed {}", f.ticks, args.seed);
+    let attack = format!("{name}: {} ticks at {TICK_HZ} Hz, seed {}", f.ticks, args.common.seed);
     let mut lines = vec![
         format!("{attack}, {pairs} checked pairs, {obstacles} obstacles{without}"),
         format!("violations        {}", named(ViolationKind::NAMES, &f.violations)),
@@ -89,7 +89,7 @@ pub fn attack_text(args: &AttackArgs, f: &RunFigures, model: &Model, machine: &M
     if goals > 0 {
         lines.push(format!("goals             {reached} of {goals} reached within 8 s, {returned} times back home"));
     }
-    lines.push(format!("machine           {machine}, {} threads", args.threads));
+    lines.push(format!("machine           {machine}, {} threads", args.common.threads));
     joined(&lines)
 }
 
