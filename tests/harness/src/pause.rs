@@ -29,9 +29,8 @@ struct Meter {
 }
 
 impl Meter {
-    /// Sleeps to absolute deadlines until `end`, and keeps the longest oversleep.
-    fn measure(&self) {
-        let mut deadline = Instant::now();
+    /// Sleeps to absolute deadlines from `deadline` to `end`, and keeps the longest oversleep.
+    fn measure(&self, mut deadline: Instant) {
         while !self.end.load(Ordering::Relaxed) {
             deadline += PERIOD;
             // The oversleep is what is measured here.
@@ -40,6 +39,8 @@ impl Meter {
             self.longest_ns.fetch_max(late.as_nanos() as u64, Ordering::Relaxed);
             deadline += late;
         }
+        // A pause may lie between the last look and the end.
+        self.longest_ns.fetch_max(deadline.elapsed().as_nanos() as u64, Ordering::Relaxed);
     }
 
     fn longest(&self) -> Duration {
@@ -66,8 +67,8 @@ pub fn assert_always(is_met: bool, text: impl std::fmt::Display) {
 pub fn in_real_time(body: impl Fn()) {
     let run = || {
         let meter = Arc::new(Meter::default());
-        let measured = meter.clone();
-        let thread = std::thread::spawn(move || measured.measure());
+        let (measured, begun) = (meter.clone(), Instant::now());
+        let thread = std::thread::spawn(move || measured.measure(begun));
         METER.set(Some(meter.clone()));
         let outcome = catch_unwind(AssertUnwindSafe(&body));
         METER.set(None);
