@@ -72,9 +72,9 @@ fn f137_f138_f139_f140_f141_f142_f143_f144_policy_breaks_no_promise() {
     let subject = Subject { is_policy: true, ..subject() };
     let own: Vec<_> = (0..KIND_COUNT).filter(|&kind| kinds::is_policy(kind)).collect();
     for kinds in [kinds::all(true), own.clone()] {
-        let plan = Plan { is_policy: true, kinds, ..plan(8, 11_000, 2) };
+        let plan = Plan { is_policy: true, kinds, ..plan(5, 11_000, 2) };
         let sum = passed(&subject, &plan);
-        assert!(sum.ticks_in[Mode::Engaged as usize] > 20_000, "{:?}", sum.ticks_in);
+        assert!(sum.ticks_in[Mode::Engaged as usize] > 12_500, "{:?}", sum.ticks_in);
         assert!(plan.kinds != own || own.iter().all(|&kind| sum.fired[kind] > 0), "{:?}", sum.fired);
     }
 }
@@ -91,7 +91,7 @@ fn f017_person_before_a_camera_breaks_no_promise() {
 #[test]
 fn planted_bug_is_found_and_its_schedule_is_shrunk() {
     let subject = subject();
-    let mut plan = plan(1, 9000, 1);
+    let mut plan = plan(1, 3000, 1);
     plan.bug = Some(Bug::DeafWhileTargetsAreLost);
     let episode = |name: &str, start, ticks, param| Episode { kind: by_name(name).expect(name), start, ticks, param };
     // Only the two in the middle matter, and both are needed.
@@ -115,12 +115,13 @@ fn planted_bug_is_found_and_its_schedule_is_shrunk() {
     assert!(lengths[0] < 300 && lengths[1] < 60, "they were made shorter too: {lengths:?}");
 }
 
-/// `.ci/long` has 2,000 seeds.
+/// Every seed is dealt three kinds. `.ci/long` has 2,000 seeds.
 #[test]
 fn campaign_of_every_scheduled_fault_breaks_no_promise() {
     let subject = subject();
-    let sum = passed(&subject, &plan(50, 11_000, 2));
-    let missing: Vec<_> = sum.missing.iter().map(|&kind| KINDS[kind].name.as_str()).collect();
+    let sum = passed(&subject, &plan(kinds::all(false).len().div_ceil(3) as u64, 11_000, 2));
+    let missing = kinds::all(false).into_iter().filter(|&kind| sum.fired[kind] == 0);
+    let missing: Vec<_> = missing.map(|kind| KINDS[kind].name.as_str()).collect();
     assert!(missing.is_empty(), "never fired: {missing:?}");
     let by_id = sum.by_id();
     for id in SHOWN {
