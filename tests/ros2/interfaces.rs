@@ -97,10 +97,8 @@ fn f115_unitree_robot_that_is_not_ready_is_refused_with_a_sentence() {
     std::fs::write(&config, text).expect("writable");
     let (code, printed) = preflight(&config);
     let printed = printed.concat();
-    assert!(
-        code == Some(78) && printed.contains("ros2.setpoints = \"trajectories\", must be \"arm_sdk\""),
-        "{printed}"
-    );
+    assert_eq!(code, Some(78), "{printed}");
+    assert!(printed.contains("ros2.setpoints = \"trajectories\", must be \"arm_sdk\""), "{printed}");
 }
 
 /// Drives the built-in motion for two seconds, or until a joint is fast and the driver is killed. Returns the peer's report, and

@@ -49,10 +49,8 @@ fn programs_of_ros2_see_the_joints_of_an_instance_that_moves() {
         assert!(moved > 0.1 && off < 0.03, "moved {moved} rad, and {off} rad unlike its velocities");
         let second = states().output().expect("it runs");
         let error = harness::stderr(&second);
-        assert!(
-            second.status.code() == Some(69) && error.contains("another program publishes /joint_states"),
-            "{error}"
-        );
+        assert_eq!(second.status.code(), Some(69), "{error}");
+        assert!(error.contains("another program publishes /joint_states"), "{error}");
         interrupt(&program);
         program.wait().expect("it ends");
         operator.release();

@@ -467,10 +467,8 @@ mod tests {
         let outside = text(Fault::StartOutsideLimits);
         assert!(outside.contains("joint 5 is 0.0123 rad or m below"), "{outside}");
         let close = text(Fault::StartInCollision);
-        assert!(
-            close.contains("part 3 and part 30 are 4.2 mm apart") && close.contains("teleopctl recover"),
-            "{close}"
-        );
+        assert!(close.contains("part 3 and part 30 are 4.2 mm apart"), "{close}");
+        assert!(close.contains("teleopctl recover"), "{close}");
         assert_eq!(text(Fault::NoTarget), Fault::NoTarget.row().meaning);
     }
 }

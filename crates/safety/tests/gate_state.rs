@@ -112,10 +112,8 @@ fn late_command_is_denied_and_plan_is_played_on() {
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Index));
         for j in 0..JOINTS {
             let expected = joint(&next.motion, j).play(&stop_of(&next.motion.plan, j), late as f64 * T);
-            assert!(
-                (decision.motion.q[j] - expected.q).abs() < 1e-9 && (decision.motion.v[j] - expected.v).abs() < 1e-9,
-                "{late}"
-            );
+            assert!((decision.motion.q[j] - expected.q).abs() < 1e-9, "{late}");
+            assert!((decision.motion.v[j] - expected.v).abs() < 1e-9, "{late}");
         }
         // An index that has passed plays the plan neither forward nor back.
         let before = state.motion().q;

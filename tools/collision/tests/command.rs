@@ -35,11 +35,8 @@ fn worst_torque_found_only_by_climbing_fails_the_check() {
     let between = format!("{}", 0.5 * (shares[0] + shares[1]));
     let output = limits(&robot, &[&few[..], &["--share", &between]].concat());
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
-    assert!(
-        stderr(&output).contains("arm_left_2_joint: no posture that was sampled needs more"),
-        "{}",
-        stderr(&output)
-    );
+    let printed = stderr(&output);
+    assert!(printed.contains("arm_left_2_joint: no posture that was sampled needs more"), "{printed}");
 }
 
 /// A load in the hands that cannot be held is reported.
@@ -72,11 +69,8 @@ fn closed_pipe_does_not_end_the_program_with_a_panic() {
 fn missing_files_are_named_with_what_to_do() {
     let output = limits(Path::new("no.toml"), &[]);
     assert_eq!(output.status.code(), Some(65), "{}", stderr(&output));
-    assert!(
-        stderr(&output).contains("collision: no.toml: there is no such file. Check the path"),
-        "{}",
-        stderr(&output)
-    );
+    let printed = stderr(&output);
+    assert!(printed.contains("collision: no.toml: there is no such file. Check the path"), "{printed}");
 }
 
 /// An upper arm without any shape would collide unseen. The error names its links and what to do, and no step is repeated.

@@ -166,10 +166,8 @@ fn recorder_without_an_instance_fails_and_writes_nothing() {
         let ended = program(&empty, &out).args(["--seconds", "20"]).output().expect("the program starts");
         let printed = String::from_utf8_lossy(&ended.stderr).into_owned();
         assert_eq!(ended.status.code(), Some(69), "{what}: {printed}");
-        assert!(
-            printed.contains("no instance of teleopd runs in ") && printed.contains("teleopd up --run-dir"),
-            "{printed}"
-        );
+        assert!(printed.contains("no instance of teleopd runs in "), "{printed}");
+        assert!(printed.contains("teleopd up --run-dir"), "{printed}");
         assert!(!out.exists(), "{what}: nothing was recorded");
     };
     refused("no folder");
@@ -180,10 +178,8 @@ fn recorder_without_an_instance_fails_and_writes_nothing() {
     std::fs::write(&out, "of yesterday").unwrap();
     let ended = program(&empty, &out).output().expect("the program starts");
     let printed = String::from_utf8_lossy(&ended.stderr).into_owned();
-    assert!(
-        ended.status.code() == Some(73) && printed.contains("exists already, and is not replaced. Remove it"),
-        "{printed}"
-    );
+    assert_eq!(ended.status.code(), Some(73), "{printed}");
+    assert!(printed.contains("exists already, and is not replaced. Remove it"), "{printed}");
     assert_eq!(std::fs::read_to_string(&out).unwrap(), "of yesterday");
     instance.retire();
 }
