@@ -146,7 +146,7 @@ fn python_script_in_the_background_ends_on_sigint() {
     );
     let mut shell = Killed(Command::new("sh").arg("-c").arg(line).spawn().expect("a shell"));
     wait_until("ended", || shell.try_wait().expect("its state").is_some());
-    let printed = std::fs::read_to_string(&heard).expect("what it said");
+    let printed = std::fs::read_to_string(&heard).expect("what it printed");
     let expected = format!("publishing to {}; Ctrl-C ends\n", rig.folder().display());
     assert_eq!(printed, expected);
 }

@@ -191,7 +191,7 @@ impl Reader {
         }
     }
 
-    /// Runs a program to its end, with more options. Returns its exit code and what it said.
+    /// Runs a program to its end, with more options. Returns its exit code and what it printed.
     fn end(&mut self, command: &str, mut program: Command, more: &str) -> (Option<i32>, String) {
         program.args(words(&self.fill(more)));
         let (mut child, log) = self.start(program);

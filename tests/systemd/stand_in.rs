@@ -73,7 +73,7 @@ impl Service {
     fn waits_for(&self, state: &str) {
         let give_up = Instant::now() + SOON;
         while self.hears(Duration::from_millis(50)).is_none_or(|heard| !heard.lines().any(|line| line == state)) {
-            assert!(Instant::now() < give_up, "{} never told {state}", self.name);
+            assert!(Instant::now() < give_up, "{} never sent {state}", self.name);
         }
     }
 
@@ -131,8 +131,8 @@ fn processes_notify_the_service_manager_unless_they_hang() {
     let mut services: Vec<Service> = Vec::new();
     for name in teleopd::PROCESSES {
         let service = Service::start(name, folder.path());
-        let first = service.hears(SOON).unwrap_or_else(|| panic!("{name} told nothing"));
-        assert!(first.lines().any(|line| line == "READY=1"), "{name} told {first:?} first");
+        let first = service.hears(SOON).unwrap_or_else(|| panic!("{name} sent nothing"));
+        assert!(first.lines().any(|line| line == "READY=1"), "{name} sent {first:?} first");
         services.push(service);
     }
     for service in &services {

@@ -10,7 +10,7 @@ const REFUSED_KEPT: usize = 32;
 const SLEPT_NS: u64 = 200_000_000;
 
 messages::named! {
-    /// Way by which a client's frames arrive.
+    /// Door by which a client's frames arrive.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub enum Door {
         /// The input domain in shared memory, for the daemon's own user.
@@ -26,7 +26,7 @@ messages::named! {
 /// another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ClientIdentity {
-    /// Way by which it arrives.
+    /// Door by which it arrives.
     pub door: Door,
     /// User of the process. In shared memory it is the daemon's user.
     pub uid: u32,

@@ -10,7 +10,7 @@ use dust_dds::subscription::data_reader::DataReader;
 
 pub(crate) struct EmergencyStop {
     pub(crate) topic: String,
-    /// The first gets what was said before it came, if the publisher keeps that. The second gets each message, if the
+    /// The first gets what was sent before it came, if the publisher keeps that. The second gets each message, if the
     /// publisher is reliable. The last takes any publisher, and may miss messages.
     readers: [DataReader<Bool>; 3],
     last: LastMessage,

@@ -378,7 +378,7 @@ mod tests {
             .collect();
         assert!(lines.len() == 3 && lines.windows(2).all(|pair| pair[1].0 - pair[0].0 >= 1_000), "{lines:?}");
         assert_eq!(lines.iter().map(|(_, changes)| changes).sum::<u32>(), lines[2].0 as u32 / 20, "none is lost");
-        // A state that lasts is always told, however short it is after the line before.
+        // A state that lasts is always printed, however short it is after the line before.
         let log = |state_log: &mut StateLog, state: &Option<String>, s: u64| {
             state_log.due(state, Stamp(s * 1_000_000_000)).map(|_| state_log.logged().map(str::to_owned))
         };

@@ -43,7 +43,7 @@ pub struct AttackArgs {
     #[arg(long, value_name = "N")]
     pub part: Option<u64>,
     /// Number of random safe postures, each to be reached within 8 s of the robot's time, and home again. Each
-    /// counts as one, regardless of --ticks. 0 skips them.
+    /// counts as one, regardless of --ticks. 0 skips them, and so does each change below.
     #[arg(long, default_value_t = 168)]
     pub goals: u64,
     #[command(flatten)]
@@ -65,10 +65,10 @@ pub struct Changes {
     #[arg(long, value_name = "KG", default_value_t = 0.0, conflicts_with_all = ["no_certificate", "no_torque"],
         value_parser = rt::number, allow_negative_numbers = true)]
     pub payload_kg: f64,
-    /// Do not tell whole-body control of the payload. Motors must then be overloaded. Finding no overload is
+    /// Whole-body control does not know the payload. Motors must then be overloaded. Finding no overload is
     /// the failure.
-    #[arg(long, requires = "payload_kg")]
-    pub untold: bool,
+    #[arg(long = "payload-hidden", requires = "payload_kg")]
+    pub hidden: bool,
 }
 
 /// Options of every command.

@@ -25,7 +25,7 @@ fn main() -> ExitCode {
 fn attack(args: &AttackArgs) -> Result<bool, Failure> {
     args.check()?;
     let machine = Machine::before_run();
-    let Changes { no_certificate, no_torque, payload_kg, untold } = args.changes;
+    let Changes { no_certificate, no_torque, payload_kg, hidden } = args.changes;
     let subject = args.common.subject(args.changes)?;
     // With a load, some postures cannot be held.
     let without_goals = no_certificate || no_torque || payload_kg > 0.0 || args.part.is_some();
@@ -59,7 +59,7 @@ fn attack(args: &AttackArgs) -> Result<bool, Failure> {
     let (figures, machine) = (merged(parts_figures), machine.after_run());
     print(&report::attack_text(args, &figures, &subject.model, &machine));
     // Without a proof, the same attacks must find what it prevents.
-    let (found, nothing) = if no_torque || untold {
+    let (found, nothing) = if no_torque || hidden {
         (ViolationKind::Torque, "no motor was overloaded without the proof")
     } else if no_certificate {
         (ViolationKind::Clearance, "no collision happened without the certificate")

@@ -68,7 +68,7 @@ impl Subject {
         let simulated = made(file, "simulated robot", simulated::Config::new(&model, &exact))?;
         let gate = gate::Config::new(&model).and_then(|gate| gate.with_hand_speed(hand_speed));
         let gate = Some(made(file, "gate", gate)?).filter(|_| !changes.no_certificate);
-        if let Some(mass_kg) = payload_kg.filter(|_| !changes.untold) {
+        if let Some(mass_kg) = payload_kg.filter(|_| !changes.hidden) {
             model.payload = model.payload.map(|hand| hand.map(|hand| Payload { mass_kg, ..hand }));
         }
         let options = match changes {
@@ -79,7 +79,7 @@ impl Subject {
         let wbc = wbc::Config::new(&model, options.hand_speed_m_per_s(hand_speed));
         // With an unknown payload arms give way, and a driver that pauses would find the robot off its path. So it does
         // not pause.
-        Ok(Self { wbc: made(file, "whole-body control", wbc)?, gate, simulated, robot, pauses: !changes.untold, model })
+        Ok(Self { wbc: made(file, "whole-body control", wbc)?, gate, simulated, robot, pauses: !changes.hidden, model })
     }
 }
 

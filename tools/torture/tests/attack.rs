@@ -178,7 +178,7 @@ fn known_payload_under_attack_overloads_no_motor() {
 /// The same attack with 2 kg that whole-body control does not know. Only the torques depend on that knowledge.
 #[test]
 fn unknown_payload_under_attack_overloads_motors() {
-    let laden = subject(Changes { payload_kg: 2.0, untold: true, ..Changes::default() });
+    let laden = subject(Changes { payload_kg: 2.0, hidden: true, ..Changes::default() });
     let figures = run(&laden, 7, 20_000, cores());
     assert!(!figures.kept() && figures.violations_of(ViolationKind::Torque) > 0, "{:?}", figures.violations);
     assert!(figures.torque_share_max.0 > 1.0, "{}", figures.torque_share_max.0);
