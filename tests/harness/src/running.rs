@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Condvar, Mutex, PoisonError};
 use teleopd::{Children, InstanceArgs, Output, PROCESSES};
 
-/// Processors per running instance, but two instances run on any two processors. On up to four, the real-time processes of all
-/// instances share one. An instance that follows uses 0.22 of it (2026-11-30), and the kernel throttles what uses 0.95.
+/// Processors per running instance. Some tests fill the shared memory, or load every processor. On two processors no other instance
+/// meets that.
 const PROCESSORS_EACH: usize = 2;
 static RUNNING: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
 
@@ -21,8 +21,7 @@ struct Turn;
 
 impl Turn {
     fn take() -> Self {
-        let processors = std::thread::available_parallelism().map_or(1, usize::from);
-        let at_a_time = (processors / PROCESSORS_EACH).max(processors.min(2));
+        let at_a_time = (std::thread::available_parallelism().map_or(1, usize::from) / PROCESSORS_EACH).max(1);
         let running = RUNNING.0.lock().unwrap_or_else(PoisonError::into_inner);
         let waited = RUNNING.1.wait_while(running, |running| *running >= at_a_time);
         *waited.unwrap_or_else(PoisonError::into_inner) += 1;
