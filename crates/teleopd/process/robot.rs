@@ -57,8 +57,8 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         cycle = if is_late { now } else { cycle };
         timeline.add_until(tick_at(now), is_late);
         press(&mut robot, button.turned());
-        // Each setpoint acts at the time at which it was sent, whenever this process woke up or slept. If one setpoint
-        // of a cycle is refused, the answer to all of them is a refusal.
+        // Each setpoint acts at the time at which it was sent, whenever this process woke up or slept. One answer covers
+        // all setpoints of a cycle. It is a refusal if one of them was refused.
         let (mut answer, mut newest) = (None, now);
         rt::allocating_aside(|| {
             setpoints.drain(|sample| {

@@ -40,9 +40,9 @@ impl OfflineRecording {
                 *failure = recording.add(&entry).err();
             }
         };
-        let skeleton = moment.skeleton.as_ref().map(Sample::Skeleton);
-        let targets = [moment.target.as_ref().map(Sample::Target), moment.policy_seen.as_ref().map(Sample::Policy)];
-        skeleton.into_iter().chain(targets.into_iter().flatten()).for_each(|sample| encoder.encode(sample, &mut write));
+        let targets = moment.target.iter().map(Sample::Target).chain(moment.policy_seen.iter().map(Sample::Policy));
+        let published = moment.skeleton.iter().map(Sample::Skeleton).chain(targets);
+        published.for_each(|sample| encoder.encode(sample, &mut write));
         if let Some(control) = &moment.control {
             let status = &control.status;
             let inputs = Inputs {
