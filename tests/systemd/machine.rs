@@ -1,12 +1,16 @@
 //! A separate machine under a real systemd, in namespaces. Needs only root, systemd and a cgroup2 hierarchy.
 
-use harness::{SOON, soon, within};
+use harness::{SOON, soon, within_by};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Mutex, MutexGuard};
+use std::time::Duration;
 
 /// Allows one machine at a time. Four real-time processes are enough for a small computer.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+/// Time between two looks. Each starts programs, which would keep the computer busy without it.
+const LOOK: Duration = Duration::from_millis(100);
 
 /// A user who is neither root nor the daemon's, but a member of the operators' group. The numbers come from machine.sh.
 pub const OPERATOR: [&str; 2] = ["--setuid=1000", "--setgid=991"];
@@ -38,7 +42,7 @@ impl Machine {
         let outer = start(&cgroup, folder.path())?;
         let mut machine = Self { outer, init: 0, cgroup, folder, _turn: turn };
         let mut is_up = false;
-        within(SOON, || {
+        within_by(SOON, LOOK, || {
             is_up = machine.is_up();
             is_up || !matches!(machine.outer.try_wait(), Ok(None))
         });
@@ -109,7 +113,7 @@ impl Machine {
     /// Waits four times as long as other tests: all processes of the machine are in a session of their own, which shares a busy
     /// computer with the other sessions.
     pub fn wait_until(&self, what: &str, done: impl FnMut() -> bool) {
-        assert!(within(4 * SOON, done), "never {what}: {}", self.console());
+        assert!(within_by(4 * SOON, LOOK, done), "never {what}: {}", self.console());
     }
 
     /// Returns the figures that a process left in the run folder.
