@@ -23,8 +23,8 @@ pub enum BusError {
     SharedMemoryFull { path: PathBuf, free_bytes: u64, needed_bytes: u64 },
     /// Opening the domain did not end in time.
     #[error(
-        "bus at root \"{}\", prefix \"{prefix}\": no answer after {waited_ms} ms; stop every process of this instance, \
-         then remove the root and /dev/shm/{prefix}*", root.display()
+        "bus at root \"{}\", prefix \"{prefix}\": no answer after {waited_ms} ms; if this computer was busy, try again; \
+         else stop this instance, then remove the root, and {prefix}* in /dev/shm or /run/teleop/shm", root.display()
     )]
     Hangs { root: PathBuf, prefix: String, waited_ms: u64 },
     /// The folder belongs to another user.
