@@ -10,7 +10,7 @@ fn main() {
         for Hazard { id, what, answer } in hazards {
             out += &match answer {
                 Answer::Does { does, within } => format!("| {id} | {what} | {does} | {within} |\n"),
-                Answer::Struck { because } => format!("| {id} | {what} | struck: {because} | |\n"),
+                Answer::Struck { because } => format!("| {id} | {what} | does not apply: {because} | |\n"),
             };
         }
     }
