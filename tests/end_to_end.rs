@@ -41,7 +41,7 @@ fn emergency_stop_latches_in_every_moving_mode() {
         let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
         operator.wait("without input", |status| Faults(status.faults).has(Fault::InputStale));
         let (code, printed) = teleopctl(&rig, "engage");
-        assert!(code == Some(1) && printed.contains("which client holds the lease"), "{printed}");
+        assert!(code == Some(1) && printed.contains("says who holds the lease"), "{printed}");
         let client = rig.shared_memory_client();
         operator.engage_until(Mode::Engaging);
         let (code, printed) = teleopctl(&rig, "engage");

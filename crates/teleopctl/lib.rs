@@ -202,8 +202,8 @@ fn only_disengaged(status: &Status, what: &str, names: &Names) -> String {
 /// Returns advice for a fault whose meaning does not include it.
 fn advice(fault: Fault) -> Option<&'static str> {
     (fault == Fault::InputStale).then_some(
-        "start a client: `replay builtin --loop` plays a motion. If one runs, the log of `ingest` (in the terminal of \
-         `up`) says which client holds the lease, and why frames were dropped",
+        "start a client or a policy: `replay builtin --loop`, with the same --run-dir, plays a motion. If one runs, the log \
+         of `ingest` (in the terminal of `up`) says who holds the lease, and why frames were dropped",
     )
 }
 
@@ -246,7 +246,7 @@ fn clutch(client: &mut Client, run_dir: &Path, takes: Option<[bool; 2]>) -> Resu
     let first = client.heartbeat()?;
     let names = instance::read_names(run_dir);
     if !matches!(mode(&first), Mode::Engaging | Mode::Engaged | Mode::Holding) {
-        out!("nothing to hold: {}; the clutch is for a robot that follows (teleopctl engage)", mode(&first).name());
+        out!("nothing to hold: {}; this is for a robot that follows (teleopctl engage)", mode(&first).name());
         return Ok(false);
     }
     // Nobody leads while the robot holds, or while both arms wait for the policy.

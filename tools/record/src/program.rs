@@ -134,8 +134,8 @@ fn record(cli: &Cli) -> Result<(), Failure> {
             let ours = loaded.hash;
             err!(
                 "record: the instance runs with the settings {hash:016x}, these options give {ours:016x}. Give \
-                 --config, --robot, --engage-without-realtime and --interface as for the instance; the settings in \
-                 this file are wrong"
+                 --config, --robot, --engage-without-realtime and --interface as for the instance, or settings and \
+                 names are wrong"
             );
         }
         if let Some((out, _)) = file.as_ref().filter(|(_, queue)| !failed && queue.failed()) {
