@@ -31,7 +31,7 @@ const SEEDS: [u64; 5] = [103, 105, 107, 111, 112];
 /// `TELEOPD_ATTACK_TICKS` sets more for each seed.
 #[test]
 fn f040_f041_f045_attack_breaks_no_limit_or_clearance() {
-    let ticks = std::env::var("TELEOPD_ATTACK_TICKS").map_or(10_000, |ticks| ticks.parse().expect("a count"));
+    let ticks = std::env::var("TELEOPD_ATTACK_TICKS").map_or(20_000, |ticks| ticks.parse().expect("a count"));
     let mut least = f64::INFINITY;
     let robot = made_up();
     for seed in SEEDS {

@@ -289,7 +289,7 @@ fn f144_person_who_vanishes_or_changes_during_takeover_stops_the_robot() {
 
 #[test]
 fn f141_adversarial_policy_breaks_no_limit() {
-    let ticks = count("TELEOPD_POLICY_TICKS", 30_000) as u64;
+    let ticks = count("TELEOPD_POLICY_TICKS", 60_000) as u64;
     let mut random = Pcg64::seed_from_u64(6);
     let mut scene = Scene::new(6);
     scene.engage(0.1);

@@ -60,7 +60,7 @@ fn compare_decisions(ticks: u64, seed: u64) {
 
 #[test]
 fn decisions_do_not_depend_on_skipped_pairs() {
-    compare_decisions(10_000, 11);
+    compare_decisions(20_000, 11);
 }
 
 #[test]
@@ -168,7 +168,7 @@ fn violation_of_true_motion_counts_as_a_broken_promise() {
 #[test]
 fn known_payload_under_attack_overloads_no_motor() {
     let laden = subject(Changes { payload_kg: 0.5, ..Changes::default() });
-    let figures = run(&laden, 7, 40_000, cores());
+    let figures = run(&laden, 7, 60_000, cores());
     assert!(figures.kept(), "{:?}, {} refused, {} stops late", figures.first, figures.refusals, figures.late_stops);
     assert!(figures.travelled_rad > 100.0 && figures.rollouts > 30, "{} rad", figures.travelled_rad);
     let share = figures.torque_share_max.0.max(figures.rollout_torque_share.0);
@@ -179,7 +179,7 @@ fn known_payload_under_attack_overloads_no_motor() {
 #[test]
 fn unknown_payload_under_attack_overloads_motors() {
     let laden = subject(Changes { payload_kg: 2.0, hidden: true, ..Changes::default() });
-    let figures = run(&laden, 7, 20_000, cores());
+    let figures = run(&laden, 7, 50_000, cores());
     assert!(!figures.kept() && figures.violations_of(ViolationKind::Torque) > 0, "{:?}", figures.violations);
     assert!(figures.torque_share_max.0 > 1.0, "{}", figures.torque_share_max.0);
     let others = figures.violations_total() - figures.violations_of(ViolationKind::Torque);
