@@ -12,7 +12,7 @@ order limits of this instant: no acceleration, no jerk, no stop plan and no gate
 Ours: whole-body control and the gate, all checked pairs (`tools/torture/examples/control_tick.rs`). `--binary` may be given
 more than once, to compare builds.
 All follow the same sines about the home posture. They run in turns. The medians of the rounds are printed, and so are the
-medians of the ratios within a round. The load of the machine changes times more than it changes their ratios.
+medians of the ratios within a round. A busy machine changes the times. It changes the ratios less.
 """
 
 import argparse

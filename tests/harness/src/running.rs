@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Condvar, Mutex, PoisonError};
 use teleopd::{Children, InstanceArgs, Output, PROCESSES};
 
-/// Processors per running instance. On two processors, instances run one at a time. Some tests fill the shared memory or load every
+/// Processors per running instance. On two processors, instances run one at a time. Some tests load every
 /// processor, and would disturb another instance.
 const PROCESSORS_EACH: usize = 2;
 static RUNNING: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
