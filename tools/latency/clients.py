@@ -29,16 +29,17 @@ FIGURES = [("control", "control_work"), ("driver", "target_to_command")]
 QUANTILES = ["p50_us", "p99_us", "p99_9_us"]
 
 
-def viewer(port):
-    """Subscribes to every channel of the live view, and reads for ever."""
-    door = socket.create_connection(("127.0.0.1", port))
-    door.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+def viewer(address):
+    """Subscribes to every channel of the live view at ws://HOST:PORT/?token=TOKEN, and reads for ever."""
+    host, query = address.removeprefix("ws://").split("/")
+    door = socket.create_connection(host.split(":"))
+    door.sendall(f"GET /{query} HTTP/1.1\r\nHost: {host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
                  "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
                  "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n".encode())
     heard, ids = b"", []
     while len(ids) < 16:
         heard += door.recv(1 << 16)
-        ids = re.findall(rb'"id":(\d+),"topic"', heard)
+        ids = re.findall(rb'"id":(\d+),"schema"', heard)
     all_of_them = [{"id": n, "channelId": int(one)} for n, one in enumerate(ids)]
     text = json.dumps({"op": "subscribe", "subscriptions": all_of_them}).encode()
     # A text frame, masked with zeros.
@@ -110,8 +111,8 @@ def run(seconds, watched):
     with Instance() as instance:
         if watched:
             record = instance.start("record", "--foxglove=0", "--engage-without-realtime")
-            port = wait_for(record, "ws://").rsplit(":", 1)[1].strip()
-            kinds = [("viewer", port), ("reader", os.path.join(instance.folder.name, "skeleton.sock"))]
+            address = wait_for(record, "ws://").split()[-1]
+            kinds = [("viewer", address), ("reader", os.path.join(instance.folder.name, "skeleton.sock"))]
             readers = [started("nice", sys.executable, __file__, *kind) for kind in kinds for _ in range(READERS)]
             instance.children += readers
             time.sleep(5.0)

@@ -18,6 +18,10 @@ const HEADERS_MAX: usize = 64;
 /// Time limit of a request.
 const PATIENCE: Duration = Duration::from_secs(2);
 
+const WRONG_TOKEN: &str = "the token is missing or wrong; open the address that the server printed";
+/// Header with the subprotocols of a WebSocket.
+const PROTOCOL: http::HeaderName = http::header::SEC_WEBSOCKET_PROTOCOL;
+
 /// Content policy for the browser: the page loads nothing from elsewhere, and no other page may frame it. The
 /// hash is that of the page's import map. The loaders of three.js find three.js by this map. Textures inside a
 /// mesh are blobs of the page.
@@ -67,6 +71,11 @@ impl Key {
         format!("{}://{}:{}/#{}", self.scheme, self.names.first().map_or("", String::as_str), self.port, self.token)
     }
 
+    /// Returns the address that a program opens. A program sends all of it, and to this server alone.
+    pub fn socket_address(&self) -> String {
+        format!("ws://{}:{}/?token={}", self.names.first().map_or("", String::as_str), self.port, self.token)
+    }
+
     /// Returns true for a valid host name of this server. Another name in `Host` belongs to a foreign page whose name
     /// resolves to this server.
     fn is_host(&self, given: &str) -> bool {
@@ -76,18 +85,25 @@ impl Key {
         self.names.iter().any(|name| given.strip_prefix(name.as_str()).is_some_and(is_port))
     }
 
-    /// Accepts a WebSocket request that comes from our page with our token. Otherwise the error gives the reason.
-    fn admits(&self, request: &Request) -> Result<(), &'static str> {
+    /// Accepts a WebSocket request with our token that comes from our page, or asks for one of these subprotocols, which it
+    /// returns. Otherwise the error gives the reason. A viewer may be a page from elsewhere: its user gave it the token.
+    fn admits(&self, request: &Request, protocols: &[&'static str]) -> Result<Option<&'static str>, String> {
         let header = |name: &str| request.headers().get(name).and_then(|value| value.to_str().ok());
         let host = header("origin").and_then(|origin| origin.strip_prefix(self.scheme)?.strip_prefix("://"));
-        if !host.is_some_and(|host| self.is_host(host)) {
-            return Err("only this server's own page may send requests");
+        let asked = |protocol: &&&str| {
+            header(PROTOCOL.as_str()).is_some_and(|all| all.split(',').any(|it| it.trim() == **protocol))
+        };
+        let protocol = protocols.iter().find(asked).copied();
+        if protocols.is_empty() && !host.is_some_and(|host| self.is_host(host)) {
+            return Err("only this server's own page may send requests".to_owned());
+        } else if !protocols.is_empty() && protocol.is_none() {
+            return Err(format!("the WebSocket's subprotocol must be {}", protocols.join(" or ")));
         }
         let token = request.uri().query().and_then(|query| query.strip_prefix("token="));
         if !token.is_some_and(|given| self.is_token(given)) {
-            return Err("the token is missing or wrong; open the address that the server printed");
+            return Err(WRONG_TOKEN.to_owned());
         }
-        Ok(())
+        Ok(protocol)
     }
 
     /// Compares every byte, so that the duration reveals nothing about the token.
@@ -105,6 +121,8 @@ pub struct SiteConfig {
     pub vision: Option<Arc<VisionFiles>>,
     /// TLS. Without it the server listens on the loopback.
     pub tls: Option<Arc<ServerConfig>>,
+    /// Subprotocols of a server of programs, which serves nothing else, best first.
+    pub protocols: &'static [&'static str],
 }
 
 impl SiteConfig {
@@ -136,12 +154,14 @@ pub fn answer(mut stream: PageStream, site: &SiteConfig) -> std::io::Result<Opti
     if request.method() != http::Method::GET {
         return refuse(stream, site, "405 Method Not Allowed", "only GET is supported");
     }
-    if request.uri().path() == "/live" {
-        if let Err(why) = key.admits(&request) {
-            return refuse(stream, site, "403 Forbidden", why);
-        }
+    if !site.protocols.is_empty() || request.uri().path() == "/live" {
+        let protocol = match key.admits(&request, site.protocols) {
+            Ok(protocol) => protocol.map(http::HeaderValue::from_static),
+            Err(why) => return refuse(stream, site, "403 Forbidden", &why),
+        };
         return match create_response(&request) {
-            Ok(response) => {
+            Ok(mut response) => {
+                response.headers_mut().extend(protocol.map(|protocol| (Some(PROTOCOL), protocol)));
                 write_response(&mut stream, &response).map_err(std::io::Error::other)?;
                 Ok(Some(stream))
             }
@@ -195,8 +215,7 @@ fn user_file(
         return refuse(stream, site, "404 Not Found", "no such file");
     };
     if !site.key.is_token(token) {
-        let why = "the token is missing or wrong; open the address that the server printed";
-        return refuse(stream, site, "403 Forbidden", why);
+        return refuse(stream, site, "403 Forbidden", WRONG_TOKEN);
     }
     let Some(path) = percent_decoded(path) else {
         return refuse(stream, site, "400 Bad Request", "the path is not UTF-8");

@@ -187,7 +187,6 @@ impl PageControl {
 
 /// Serves a page until it closes, or until `ended`.
 pub fn serve(mut stream: PageStream, hub: &Hub, behind: &PageSource, ended: &AtomicBool) -> Result<(), Error> {
-    stream.socket().set_nonblocking(true)?;
     stream.socket().set_nodelay(true)?;
     let config = WebSocketConfig::default()
         .max_message_size(Some(REQUEST_BYTES))
@@ -333,10 +332,12 @@ struct PageReport<'a, T> {
     report: &'a T,
 }
 
-fn or_later(outcome: Result<(), Error>) -> Result<(), Error> {
+/// Passes an error on, but for that of a peer who does not read now: what waits is sent later.
+pub fn or_later(outcome: Result<(), Error>) -> Result<(), Error> {
     outcome.or_else(|error| if waits(&error) { Ok(()) } else { Err(error) })
 }
 
-fn waits(error: &Error) -> bool {
+/// Returns true if there is nothing to read now, or no room to write.
+pub fn waits(error: &Error) -> bool {
     matches!(error, Error::Io(cause) if cause.kind() == ErrorKind::WouldBlock)
 }

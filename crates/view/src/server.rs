@@ -5,6 +5,7 @@ use crate::calibration::Measuring;
 use crate::http::{self, SiteConfig};
 use crate::hub::{Hub, StatusWriter};
 use crate::live::Live;
+use crate::meshes::MeshFolder;
 use crate::mixer::KeyPoses;
 use crate::page;
 use crate::page::PageSource;
@@ -49,10 +50,14 @@ pub struct LiveOptions {
     pub secure: Option<Secure>,
 }
 
+/// Serves one admitted connection, which never blocks, until it ends or the server does.
+type Serve = Arc<dyn Fn(PageStream, &AtomicBool) + Send + Sync>;
+
 /// A running server. Dropping it stops it.
 pub struct Server {
     address: String,
-    hub: Arc<Hub>,
+    /// What the pages show. A server of programs has none.
+    hub: Option<Arc<Hub>>,
     ended: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
 }
@@ -67,8 +72,9 @@ impl Server {
         let about = json!({ "source": "live", "run_dir": instance.run_dir(), "key_poses": names, "camera": camera });
         let measuring = measuring.filter(|_| camera);
         let behind = PageSource::Instance(instance.clone(), key_poses.map(Arc::new), measuring);
-        let mut server = Self::listen(Hub::new(view, &about), behind, view, (vision, secure), port)?;
-        let (hub, model, domain) = (server.hub.clone(), view.model.clone(), instance.core_domain());
+        let hub = Arc::new(Hub::new(view, &about));
+        let mut server = Self::pages_of(&hub, behind, view, (vision, secure), port)?;
+        let (model, domain) = (view.model.clone(), instance.core_domain());
         let (opened, outcome) = channel();
         let thread = server.spawn("view", move |ended| publish_updates(&hub, &model, &domain, &opened, &ended));
         thread.map_err(|source| ViewError::Listen { port, source })?;
@@ -80,19 +86,41 @@ impl Server {
     pub fn recording(recording: RecordingView, name: &str, view: &RobotView, port: u16) -> Result<Self, ViewError> {
         let about = json!({ "source": "recording", "name": name, "duration_s": recording.duration_s() });
         let position = Arc::new(Position::new(recording.duration_s()));
-        let behind = PageSource::Recording(position.clone());
-        let mut server = Self::listen(Hub::new(view, &about), behind, view, (None, None), port)?;
-        let hub = server.hub.clone();
+        let hub = Arc::new(Hub::new(view, &about));
+        let mut server = Self::pages_of(&hub, PageSource::Recording(position.clone()), view, (None, None), port)?;
         let thread = server.spawn("view", move |ended| play(&hub, &recording, &position, &ended));
         thread.map_err(|source| ViewError::Listen { port, source })?;
         Ok(server)
     }
 
-    fn listen(
-        hub: Hub,
+    /// Serves programs that ask for one of these subprotocols of WebSocket, best first, at `port` of the loopback interface. `serve` has a thread for
+    /// each, and returns when its second argument is true. Port 0 picks any free one.
+    pub fn programs(
+        protocols: &'static [&'static str],
+        port: u16,
+        serve: impl Fn(PageStream, &AtomicBool) + Send + Sync + 'static,
+    ) -> Result<Self, ViewError> {
+        Self::listen((None, None, None), protocols, Arc::new(serve), port)
+    }
+
+    fn pages_of(
+        hub: &Arc<Hub>,
         behind: PageSource,
         view: &RobotView,
         (vision, secure): (Option<VisionFiles>, Option<Secure>),
+        port: u16,
+    ) -> Result<Self, ViewError> {
+        let own = hub.clone();
+        let serve = move |stream, ended: &_| drop(page::serve(stream, &own, &behind, ended));
+        let mut server = Self::listen((view.folder.clone(), vision, secure), &[], Arc::new(serve), port)?;
+        server.hub = Some(hub.clone());
+        Ok(server)
+    }
+
+    fn listen(
+        (meshes, vision, secure): (Option<Arc<MeshFolder>>, Option<VisionFiles>, Option<Secure>),
+        protocols: &'static [&'static str],
+        serve: Serve,
         port: u16,
     ) -> Result<Self, ViewError> {
         let at = secure.as_ref().map_or(IpAddr::V4(Ipv4Addr::LOCALHOST), |secure| secure.address);
@@ -101,15 +129,11 @@ impl Server {
         listener.set_nonblocking(true).map_err(bind)?;
         let port = listener.local_addr().map_err(bind)?.port();
         let key = http::Key::new(port, secure.as_ref()).map_err(bind)?;
-        let (address, hub, ended) = (key.address(), Arc::new(hub), Arc::new(AtomicBool::new(false)));
-        let mut server = Self { address, hub: hub.clone(), ended, threads: Vec::new() };
-        let site = SiteConfig {
-            key,
-            meshes: view.folder.clone(),
-            vision: vision.map(Arc::new),
-            tls: secure.map(|secure| secure.config),
-        };
-        server.spawn("listen", move |ended| accept(&listener, &site, &hub, &behind, &ended)).map_err(bind)?;
+        let address = if protocols.is_empty() { key.address() } else { key.socket_address() };
+        let mut server = Self { address, hub: None, ended: Arc::default(), threads: Vec::new() };
+        let (vision, tls) = (vision.map(Arc::new), secure.map(|secure| secure.config));
+        let site = SiteConfig { key, meshes, vision, tls, protocols };
+        server.spawn("listen", move |ended| accept(&listener, &site, &serve, &ended)).map_err(bind)?;
         Ok(server)
     }
 
@@ -126,7 +150,7 @@ impl Server {
 
     /// Number of open pages.
     pub fn pages(&self) -> usize {
-        self.hub.pages().load(Ordering::Relaxed)
+        self.hub.as_ref().map_or(0, |hub| hub.pages().load(Ordering::Relaxed))
     }
 
     /// Returns true if a server thread has ended by itself. This does not normally happen.
@@ -207,7 +231,7 @@ struct Connection {
 }
 
 /// Accepts connections. Returns after all pages have ended.
-fn accept(listener: &TcpListener, site: &SiteConfig, hub: &Arc<Hub>, behind: &PageSource, ended: &Arc<AtomicBool>) {
+fn accept(listener: &TcpListener, site: &SiteConfig, serve: &Serve, ended: &Arc<AtomicBool>) {
     let mut open: Vec<Arc<Connection>> = Vec::new();
     while !ended.load(Ordering::Relaxed) {
         let Ok((stream, _)) = listener.accept() else {
@@ -221,12 +245,12 @@ fn accept(listener: &TcpListener, site: &SiteConfig, hub: &Arc<Hub>, behind: &Pa
             let Some(oldest) = open.iter().position(|one| !one.is_page.load(Ordering::Relaxed)) else { continue };
             let _ = open.remove(oldest).stream.shutdown(Shutdown::Both);
         }
-        let (site, hub, behind, ended) = (site.clone(), hub.clone(), behind.clone(), ended.clone());
+        let (site, serve, ended) = (site.clone(), serve.clone(), ended.clone());
         let Ok(twin) = stream.try_clone() else { continue };
         let connection = Arc::new(Connection { stream: twin, is_page: AtomicBool::new(false) });
         let own = connection.clone();
         let work = move || {
-            answer(stream, &site, &hub, &behind, &own.is_page, &ended);
+            answer(stream, &site, &serve, &own.is_page, &ended);
             // Closes the connection now, not when the next one arrives.
             let _ = own.stream.shutdown(Shutdown::Both);
         };
@@ -248,18 +272,13 @@ fn has_ended(connection: &Arc<Connection>) -> bool {
     Arc::strong_count(connection) == 1
 }
 
-fn answer(
-    stream: TcpStream,
-    site: &SiteConfig,
-    hub: &Hub,
-    behind: &PageSource,
-    is_page: &AtomicBool,
-    ended: &AtomicBool,
-) {
+fn answer(stream: TcpStream, site: &SiteConfig, serve: &Serve, is_page: &AtomicBool, ended: &AtomicBool) {
     // A connection that breaks off needs no handling.
     let Ok(stream) = PageStream::new(stream, site.tls.as_ref()) else { return };
-    if let Ok(Some(stream)) = http::answer(stream, site) {
+    if let Ok(Some(mut stream)) = http::answer(stream, site)
+        && stream.socket().set_nonblocking(true).is_ok()
+    {
         is_page.store(true, Ordering::Relaxed);
-        let _ = page::serve(stream, hub, behind, ended);
+        serve(stream, ended);
     }
 }

@@ -5,7 +5,6 @@ use crate::live_view::LiveView;
 use crate::{Attached, Entry, Origin, Queue, Rates, Recorded, Summary};
 use clap::Parser;
 use config::Loaded;
-use foxglove::FoxgloveError;
 use instance::Instance;
 use robot::Names;
 use rt::{Exit, Failure};
@@ -50,12 +49,7 @@ fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
         name.push_str(", which is damaged or truncated");
     }
     let server = view::Server::recording(recording, &name, &shown, cli.port);
-    let server = server.map_err(|error| match error {
-        ViewError::Listen { port, source } => {
-            Failure::new(Exit::Unavailable, rt::port_refused(port, "--port", &source))
-        }
-        error => Failure::new(Exit::Unavailable, error),
-    })?;
+    let server = server.map_err(|error| unserved(error, "--port"))?;
     out!("record: shows {} at {}", file.display(), server.address());
     while !shutdown.requested() {
         std::thread::sleep(Duration::from_millis(50));
@@ -150,15 +144,17 @@ fn record(cli: &Cli) -> Result<(), Failure> {
 }
 
 fn serve(port: u16, cli: &Cli, loaded: &Loaded) -> Result<LiveView, Failure> {
-    let live = LiveView::start(port, crate::about(loaded, &cli.overrides(), Origin::Live).1).map_err(|error| {
-        let text = match error {
-            FoxgloveError::Bind(source) => rt::port_refused(port, "--foxglove", &source),
-            error => format!("--foxglove: {error}"),
-        };
-        Failure::new(Exit::Unavailable, text)
-    })?;
-    out!("record: shows {} at ws://127.0.0.1:{}", cli.run_dir.display(), live.server.port());
+    let live = LiveView::start(port, crate::about(loaded, &cli.overrides(), Origin::Live).1);
+    let live = live.map_err(|error| unserved(error, "--foxglove"))?;
+    out!("record: shows {} at {}", cli.run_dir.display(), live.address());
     Ok(live)
+}
+
+fn unserved(error: ViewError, option: &str) -> Failure {
+    match error {
+        ViewError::Listen { port, source } => Failure::new(Exit::Unavailable, rt::port_refused(port, option, &source)),
+        error => Failure::new(Exit::Unavailable, error),
+    }
 }
 
 fn attach(cli: &Cli, loaded: &Loaded) -> Result<Attached, Failure> {

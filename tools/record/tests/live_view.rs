@@ -13,17 +13,29 @@ use std::net::TcpStream;
 use std::process::Stdio;
 use std::time::Duration;
 use tungstenite::client::IntoClientRequest;
-use tungstenite::{Message, WebSocket};
+use tungstenite::{Error, HandshakeError, Message, WebSocket};
 
 type Viewer = WebSocket<TcpStream>;
 
+/// Opens the address as a page from elsewhere does, or returns the status of the refusal.
+fn open(address: &str, protocols: &str) -> Result<Viewer, u16> {
+    let mut request = address.into_client_request().expect("an address");
+    let host = request.uri().authority().expect("a host").to_string();
+    for (name, value) in [("sec-websocket-protocol", protocols), ("origin", "https://example.org")] {
+        request.headers_mut().insert(name, value.parse().expect("a value"));
+    }
+    let stream = TcpStream::connect(host).expect("a connection");
+    stream.set_read_timeout(Some(Duration::from_secs(20))).expect("a limit");
+    match tungstenite::client(request, stream) {
+        Ok((viewer, _)) => Ok(viewer),
+        Err(HandshakeError::Failure(Error::Http(answer))) => Err(answer.status().as_u16()),
+        Err(error) => panic!("{error}"),
+    }
+}
+
 /// Returns a viewer and the channels that it was offered.
 fn connect(address: &str) -> (Viewer, Vec<Value>) {
-    let mut request = address.into_client_request().expect("an address");
-    request.headers_mut().insert("sec-websocket-protocol", "foxglove.sdk.v1".parse().expect("a value"));
-    let stream = TcpStream::connect(address.trim_start_matches("ws://")).expect("a connection");
-    stream.set_read_timeout(Some(Duration::from_secs(20))).expect("a limit");
-    let (mut viewer, _) = tungstenite::client(request, stream).expect("a handshake");
+    let mut viewer = open(address, "foxglove.sdk.v1, other").expect("a handshake");
     assert_eq!(text(&mut viewer)["capabilities"], json!(["assets"]), "nothing to write");
     let mut channels = Vec::new();
     while channels.len() < Topic::ALL.len() {
@@ -61,7 +73,7 @@ fn f145_viewer_sees_what_is_recorded_whatever_another_one_does() {
     let address = line.rsplit(' ').next().filter(|address| address.starts_with("ws://127.0.0.1:")).expect(&line);
 
     let (mut silent, channels) = connect(address);
-    let other = format!("file:///etc/{}passwd", "./".repeat(1 << 19));
+    let other = format!("file:///etc/{}passwd", "./".repeat(1 << 12));
     for (uri, failed, part) in [("package://robot/tiago_dual.urdf", 0, "<robot"), (&other, 1, "there is only")] {
         send(&mut silent, json!({ "op": "fetchAsset", "uri": uri, "requestId": 7 }));
         let Message::Binary(bytes) = silent.read().expect("a message") else { panic!("an asset") };
@@ -70,7 +82,19 @@ fn f145_viewer_sees_what_is_recorded_whatever_another_one_does() {
     }
     send(&mut silent, json!({ "op": "advertise", "channels": [] }));
     let refusal = text(&mut silent);
-    assert!(refusal["message"].as_str().is_some_and(|text| text.contains("clientPublish")), "{refusal}");
+    assert!(refusal["message"].as_str().is_some_and(|text| text.contains("only read")), "{refusal}");
+    let (without, token) = address.split_once("token=").expect("a token");
+    for (address, protocol) in [
+        (without.trim_end_matches("/?").to_owned(), "foxglove.sdk.v1"),
+        (format!("{without}token={}0", &token[1..]), "foxglove.sdk.v1"),
+        (address.to_owned(), "foxglove.sdk.v2"),
+    ] {
+        assert_eq!(open(&address, protocol).err(), Some(403), "{address} {protocol}");
+    }
+
+    let (mut long, _) = connect(address);
+    send(&mut long, json!({ "op": "fetchAsset", "uri": "./".repeat(1 << 19), "requestId": 7 }));
+    assert!(long.read().is_err(), "a request beyond 16 kB ends its viewer");
 
     let (mut viewer, _) = connect(address);
     let all: Vec<_> =
