@@ -4,8 +4,12 @@ Twenty demonstrations are the motion at twenty speeds, in virtual time. ACT sees
 30 rows begins where the observation was made, so the time that it thinks is lateness, as a robot has it. Overlapping chunks are blended.
 
     python3 act_policy.py FOLDER REPLAY [SECONDS OF TRAINING]
+
+FOLDER/chunks.json keeps what ACT sent: when, from when on, and the rows. `tools/record/tests/act_chunks.json` is the beginning of such a
+file, which a test of `record` plays, records and replays bit for bit.
 """
 
+import json
 import subprocess
 import sys
 import time
@@ -93,7 +97,7 @@ def chunk(joints):
 
 # It leads the simulated robot.
 recording = folder / "policy.mcap"
-engage, thought_ms, modes, reasons = None, [], [], set()
+engage, thought_ms, modes, reasons, sent = None, [], [], set(), []
 with Rig(folder, replay.parent, "--record", recording) as rig, client.Policy(rig.run_dir, [robot.joint_names[j] for j in arms]) as leader:
     begun, last = time.monotonic(), None
     while time.monotonic() - begun < LEAD_S:
@@ -108,12 +112,16 @@ with Rig(folder, replay.parent, "--record", recording) as rig, client.Policy(rig
                 rows[i] += (1.0 - i / BLENDED) * (last[1][gone + i] - rows[i])
         last = (joints.header.stamp, rows)
         leader.publish(rows.tolist(), rate_hz=FPS, start_ns=joints.header.stamp)
+        sent.append({"sent_ms": time.monotonic_ns() / 1e6, "start_ms": joints.header.stamp / 1e6, "positions": rows.round(4).tolist()})
         engage = engage or rig.start("teleopctl", "engage")
         modes.append(client.MODES[joints.mode])
         if leader.dropped():
             reasons.add(leader.dropped())
         time.sleep(EVERY / FPS)
     codes = end(engage, rig.up)
+for one in sent[::-1]:
+    one.update({key: round(one[key] - sent[0]["start_ms"], 3) for key in ("sent_ms", "start_ms")})
+(folder / "chunks.json").write_text(json.dumps({"joints": arms, "rate_hz": FPS, "chunks": sent}))
 assert codes == [0, INTERRUPTED], codes
 share = modes.count("Engaged") / len(modes)
 print(f"led for {LEAD_S:.0f} s: Engaged in {100 * share:.0f} % of {len(modes)} chunks, one takes {np.median(thought_ms):.1f} ms (p99 "

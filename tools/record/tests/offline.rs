@@ -2,11 +2,12 @@
 
 use crate::support::{contents, loaded, recorded_offline};
 use client::{PlayOptions, Player};
-use messages::{CHUNK_ROWS_MAX, Header, Layout, Mode, PayloadOrder, PolicyChunk, Skeleton, TICK_HZ, source_flag};
+use messages::{Header, Layout, Mode, PayloadOrder, PolicyChunk, RobotId, Skeleton, Stamp, TICK_HZ, source_flag};
 use motion::CalibrationMode;
 use motion::mcap::Ending;
 use record::{Compared, Content, Counts, Entry, OfflineRecording, Recording, Topic, bytes_of};
 use safety::engage::OperatorView;
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
 use world::{Links, Running, World, WorldConfig};
@@ -113,7 +114,26 @@ fn replay_of_a_recording_is_equal_and_one_changed_bit_is_found() {
     assert!(refused.contains("recorded with the settings"), "{refused}");
 }
 
-/// Replay makes the same commands with a payload that is set at run time and a policy that leads the right arm.
+/// Chunks that lerobot's ACT sent to a simulated robot, with its lateness: `crates/python/tests/act_policy.py` writes them.
+fn act_chunks(robot: RobotId, begun: Stamp) -> Vec<PolicyChunk> {
+    let sent: Value = serde_json::from_str(include_str!("act_chunks.json")).unwrap();
+    let joints: Vec<usize> = serde_json::from_value(sent["joints"].clone()).unwrap();
+    let at = |ms: &Value| begun.plus_ns((ms.as_f64().unwrap() * 1e6) as u64);
+    let chunk = |(i, sent): (usize, &Value)| {
+        let (start, stamp) = (at(&sent["start_ms"]), at(&sent["sent_ms"]));
+        let rows: Vec<Vec<f32>> = serde_json::from_value(sent["positions"].clone()).unwrap();
+        let mut chunk = PolicyChunk { session_nonce: 9, robot, start, period_ns: 33_333_333, ..PolicyChunk::ZERO };
+        chunk.header = Header { sequence: i as u64 + 1, stamp, origin: start, ..Header::ZERO };
+        (chunk.rows, chunk.valid_mask) = (rows.len() as u32, joints.iter().map(|j| 1 << j).sum());
+        for (to, row) in chunk.q.iter_mut().zip(&rows) {
+            joints.iter().zip(row).for_each(|(&j, q)| to[j] = *q);
+        }
+        chunk
+    };
+    sent["chunks"].as_array().unwrap().iter().enumerate().map(chunk).collect()
+}
+
+/// Replay makes the same commands with a payload that is set at run time and a real policy that leads the right arm.
 #[test]
 fn recording_with_a_payload_and_a_policy_is_replayed_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
@@ -123,19 +143,14 @@ fn recording_with_a_payload_and_a_policy_is_replayed_bit_for_bit() {
     let mut recording = OfflineRecording::create(&path, &loaded).unwrap();
     let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
     let mut player = Player::new(&motion::builtin(), play, 5, 1);
+    let mut chunks = act_chunks(loaded.model.id(), world.now()).into_iter().peekable();
     let (mut mode, mut engaged, mut led) = (0, 0, 0);
     for k in 0..6 * TICK_HZ {
         let now = world.now();
         if let Some((_, raw)) = player.due(now, mode == Mode::Engaged as u32) {
             world.publish(&raw);
         }
-        if k % (TICK_HZ / 10) == 0 {
-            let header = Header { sequence: k + 1, stamp: now, origin: now, ..Header::ZERO };
-            let (q, period_ns) = ([loaded.model.home.map(|q| q as f32 + 0.1); CHUNK_ROWS_MAX], 50_000_000);
-            let (robot, rows, valid_mask) = (loaded.model.id(), 16, loaded.model.arms[1].range().map(|j| 1 << j).sum());
-            let chunk =
-                PolicyChunk { header, session_nonce: 9, robot, start: now, period_ns, rows, ..PolicyChunk::ZERO };
-            let chunk = PolicyChunk { valid_mask, q, ..chunk };
+        while let Some(chunk) = chunks.next_if(|chunk| now >= chunk.header.stamp) {
             world.publish_chunk(&config, &chunk).expect("a valid chunk");
         }
         let order = PayloadOrder { mass_kg: 0.1 + 0.2, centre_m: Some([0.0, 1.0 / 30.0, -0.2]) };
