@@ -4,7 +4,8 @@
 //! - *Found* is the share of the images with a person, *refused* that of the frames that `ingest` drops, by reason.
 //! - *Engaged* is the share of the time after the first 3 s. The operator presses the enable once.
 //! - The errors are the mean angles of the four limbs of the arms relative to the trunk: of the landmarker's points in space
-//!   and of the lifter in each image, and of the command against the person of the best delay.
+//!   and of the lifter in each image, and of the command against the person of the best delay. *By truth* is the command's
+//!   error if the true joints lead the robot: what it cannot reach or follow.
 
 use crate::cli::Cli;
 use crate::clips::Human;
@@ -62,6 +63,8 @@ pub struct Followed {
     pub landmarker_deg: f64,
     pub lifter_deg: f64,
     pub robot_deg: Option<f64>,
+    /// The robot's error if the true joints lead it.
+    pub by_truth_deg: Option<f64>,
     pub delay_ms: Option<u64>,
     /// Mean turn of the shoulders to the camera, degrees.
     pub turned_deg: f64,
@@ -138,7 +141,14 @@ fn refuse(config: &ingest::Config, recorded: &Recorded, out: &mut Followed) {
     (out.strangers, out.reasons) = (strangers, reasons);
 }
 
-fn follow(loaded: &Loaded, config: &WorldConfig, recorded: &Recorded, person: &Person, out: &mut Followed) {
+fn follow(
+    loaded: &Loaded,
+    config: &WorldConfig,
+    recorded: &Recorded,
+    person: &Person,
+    seen: impl Fn(&Recorded, usize) -> Option<RawSkeleton>,
+    out: &mut Followed,
+) {
     let arm = ArmModel::from_model(&loaded.model);
     let mut world = World::new(config, SEED, Links::default());
     let (mut next, mut samples, mut engaged, mut judged) = (0, Vec::new(), 0_u64, 0_u64);
@@ -148,7 +158,7 @@ fn follow(loaded: &Loaded, config: &WorldConfig, recorded: &Recorded, person: &P
         while next < played(recorded)
             && stamped(RawSkeleton::ZERO, next, recorded.rate_hz).header.origin.0 + LANDMARKS_AFTER_NS <= now.0
         {
-            frame(recorded, next).iter().for_each(|raw| world.publish(raw));
+            seen(recorded, next).iter().for_each(|raw| world.publish(raw));
             next += 1;
         }
         if next > 0 && begun_k.is_none() {
@@ -208,8 +218,10 @@ fn measured(loaded: &Loaded, config: &WorldConfig, input: &ingest::Config, recor
         ..Followed::default()
     };
     refuse(input, recorded, &mut out);
-    follow(loaded, config, recorded, &person(input, recorded), &mut out);
-    out
+    let (person, mut bound) = (person(input, recorded), Followed::default());
+    follow(loaded, config, recorded, &person, frame, &mut out);
+    follow(loaded, config, recorded, &person, |recorded, i| Some(truth(recorded, i)), &mut bound);
+    Followed { by_truth_deg: bound.robot_deg, ..out }
 }
 
 fn show(f: &mut fmt::Formatter<'_>, rows: &[Followed]) -> fmt::Result {
@@ -226,6 +238,7 @@ fn show(f: &mut fmt::Formatter<'_>, rows: &[Followed]) -> fmt::Result {
         deg(["", "landmarker"], |row| Some(row.landmarker_deg)),
         deg(["", "lifter"], |row| Some(row.lifter_deg)),
         deg(["", "robot"], |row| row.robot_deg),
+        deg(["robot", "by truth"], |row| row.by_truth_deg),
         column(["best", "delay ms"], 8, |row: &Followed| number(row.delay_ms.map(|ms| ms as f64), 0)),
         column(["", "violations"], 10, |row: &Followed| row.violations.to_string()),
     ];
