@@ -76,13 +76,6 @@ pub struct Summary {
     pub hash: u64,
 }
 
-impl Failure {
-    fn unshrunk(seed: u64, violation: &Violation, schedule: &[Episode]) -> Self {
-        let (violation, smallest) = (violation.clone(), violation.clone());
-        Self { seed, violation, schedule: schedule.to_vec(), shrunk: false, smallest, episodes: schedule.len() }
-    }
-}
-
 impl Summary {
     /// Firings by hazard identity. A kind without an identity counts under its own name.
     pub fn by_id(&self) -> BTreeMap<&'static str, u64> {
@@ -152,13 +145,11 @@ pub fn run(subject: &Subject, plan: &Plan, done: impl Fn() + Sync) -> Result<Sum
     let failures = in_parallel(plan.jobs, failed.len(), |n| {
         let (seed, violation) = failed[n];
         let episodes = drawn(seed, plan);
-        let failure = Failure::unshrunk(seed, violation, &episodes);
-        if n >= SHRUNK_MAX || plan.until_found {
-            return failure;
-        }
+        let (count, violation, shrunk) = (episodes.len(), violation.clone(), n < SHRUNK_MAX && !plan.until_found);
         let fails = |some: &[Episode]| single(&engaged, subject, seed, plan, some).violation;
-        let (schedule, smallest) = shrink::smallest(&episodes, violation, fails);
-        Failure { schedule, shrunk: true, smallest, ..failure }
+        let (schedule, smallest) =
+            if shrunk { shrink::smallest(&episodes, &violation, fails) } else { (episodes, violation.clone()) };
+        Failure { seed, violation, schedule, shrunk, smallest, episodes: count }
     });
     Ok(summed(plan, &outcomes, failures))
 }

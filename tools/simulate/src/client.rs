@@ -4,9 +4,9 @@
 use crate::active::Faults;
 use crate::camera::Camera;
 use crate::frames;
-use crate::kinds::{Delivery, Fault, Frame};
+use crate::kinds::{Delivery, Fault};
 use client::Player;
-use messages::{RawSkeleton, Stamp, TICK_HZ};
+use messages::{Header, RawSkeleton, Stamp, TICK_HZ};
 use rand::RngExt;
 
 /// After this long (ticks) without an accepted frame, the person restarts the client: 1.5 s.
@@ -99,21 +99,26 @@ impl Client {
         if restarts {
             self.restart(k);
         }
+        let burst = faults.active.iter().find(|active| active.fault == Fault::Delivery(Delivery::Burst));
+        let burst = burst.map(|active| active.age);
         if let Some((_, mut raw)) = self.player.due(now, engaged) {
             self.sequence += 1;
             raw.session_nonce = self.session;
             raw.flags = messages::with_closure(raw.flags, [0, 1].map(|side| closure(2 * (k / GRASP) + side)));
             self.stamp(&mut raw, now, faults);
             let last = self.last;
-            faults.each(as_frame, |active, frame| frames::alter(frame, active, &mut raw, last.as_ref()));
+            let of_frames = |fault| if let Fault::Frame(frame) = fault { Some(frame) } else { None };
+            faults.each(of_frames, |active, frame| frames::alter(frame, active, &mut raw, last.as_ref()));
             self.remember(&raw);
             if self.deliver(k, faults) {
                 out.push(raw);
-            } else if self.bursts(faults) {
+            } else if burst.is_some() {
                 self.held_back.push(raw);
             }
         }
-        self.release_burst(faults, out);
+        if burst.is_none_or(|age| age % (TICK_HZ / 5) == TICK_HZ / 5 - 1) {
+            out.append(&mut self.held_back);
+        }
         self.besides(now, faults, out);
         if let Some(camera) = &mut self.camera {
             out.retain_mut(|raw| camera.find(raw));
@@ -149,11 +154,8 @@ impl Client {
             }
             Delivery::Drift => {
                 let drift_ns = (active.age * 1_000_000_000 / TICK_HZ) / 2000;
-                origin = if active.episode.param.is_multiple_of(2) {
-                    origin.plus_ns(drift_ns)
-                } else {
-                    Stamp(origin.0 - drift_ns)
-                };
+                let ahead = active.episode.param.is_multiple_of(2);
+                origin = if ahead { origin.plus_ns(drift_ns) } else { Stamp(origin.0 - drift_ns) };
                 drift_ns > 0
             }
             Delivery::ClockStep => {
@@ -197,21 +199,9 @@ impl Client {
         through
     }
 
-    fn bursts(&self, faults: &Faults) -> bool {
-        faults.active.iter().any(|active| active.fault == Fault::Delivery(Delivery::Burst))
-    }
-
-    fn release_burst(&mut self, faults: &Faults, out: &mut Vec<RawSkeleton>) {
-        let burst = faults.active.iter().find(|active| active.fault == Fault::Delivery(Delivery::Burst));
-        let due = burst.is_none_or(|active| active.age % (TICK_HZ / 5) == TICK_HZ / 5 - 1);
-        if due && !self.held_back.is_empty() {
-            out.append(&mut self.held_back);
-        }
-    }
-
     /// Adds the frames that arrive in addition to the person's own.
     fn besides(&mut self, now: Stamp, faults: &mut Faults, out: &mut Vec<RawSkeleton>) {
-        let Some(last) = self.last else { return };
+        let Some(last) = &self.last else { return };
         let (past, strangers) = (&self.past, &mut self.stranger_sequence);
         let (sequence, offset, session) = (&mut self.sequence, self.sequence_offset, self.session);
         let mut counted = Vec::new();
@@ -222,23 +212,20 @@ impl Client {
                     // 10 kHz is 6 or 7 frames per tick.
                     for n in 0..6 {
                         *sequence += 1;
-                        let mut raw = last;
-                        raw.header.sequence = sequence.wrapping_add(offset);
-                        raw.header.origin = now.plus_ns(n + 1);
-                        out.push(raw);
+                        let (sequence, origin) = (sequence.wrapping_add(offset), now.plus_ns(n + 1));
+                        out.push(RawSkeleton { header: Header { sequence, origin, ..last.header }, ..*last });
                     }
                 }
                 Delivery::StrangerFloods | Delivery::Stranger | Delivery::HolderPauses => {
                     let rate = if delivery == Delivery::StrangerFloods { 6 } else { u64::from(active.age % 25 == 12) };
                     for n in 0..rate {
                         *strangers += 1;
-                        out.push(strange(&last, *strangers, STRANGER ^ active.episode.param, now.plus_ns(n)));
+                        let (sequence, at) = (*strangers, now.plus_ns(n));
+                        let header = Header { sequence, origin: at, stamp: at, ..last.header };
+                        out.push(RawSkeleton { header, session_nonce: STRANGER ^ active.episode.param, ..*last });
                     }
                 }
-                Delivery::Replayed if active.age % 10 == 3 => {
-                    let old = past[active.rng.random_range(0..past.len())];
-                    out.push(old);
-                }
+                Delivery::Replayed if active.age % 10 == 3 => out.push(past[active.rng.random_range(0..past.len())]),
                 Delivery::OldSession if active.age % 10 == 3 => {
                     // An old frame of another session with its own sequence and stamps, or with a fresh origin stamp.
                     let mut old = past[active.rng.random_range(0..past.len())];
@@ -255,18 +242,6 @@ impl Client {
         });
         counted.into_iter().for_each(|(kind, count)| faults.count(kind, count));
     }
-}
-
-fn strange(last: &RawSkeleton, sequence: u64, session: u64, now: Stamp) -> RawSkeleton {
-    let mut raw = *last;
-    raw.header.sequence = sequence;
-    (raw.header.origin, raw.header.stamp) = (now, now);
-    raw.session_nonce = session;
-    raw
-}
-
-fn as_frame(fault: Fault) -> Option<Frame> {
-    if let Fault::Frame(frame) = fault { Some(frame) } else { None }
 }
 
 fn as_delivery(fault: Fault) -> Option<Delivery> {

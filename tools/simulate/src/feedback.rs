@@ -82,10 +82,8 @@ impl Feedback {
                 let count = &mut self.away[j][n];
                 *count = if judged && away > bound { *count + 1 } else { 0 };
                 if *count > ticks {
-                    return Err((
-                        "not followed",
-                        format!("joint {j} is {away} away for {count} ticks, but the robot still moves"),
-                    ));
+                    let detail = format!("joint {j} is {away} away for {count} ticks, but the robot still moves");
+                    return Err(("not followed", detail));
                 }
             }
         }
@@ -150,11 +148,8 @@ impl Feedback {
             if then.measured != now.measured || !moves(mode) || k < then.k {
                 self.still[j] = now;
             } else if k - then.k > STILL && went > seen.scale(j) * WENT {
-                let ticks = k - then.k;
-                return Err((
-                    "frozen encoder",
-                    format!("joint {j} at {} for {ticks} ticks, but went {went}", now.measured),
-                ));
+                let detail = format!("joint {j} at {} for {} ticks, but went {went}", now.measured, k - then.k);
+                return Err(("frozen encoder", detail));
             }
         }
         Ok(())

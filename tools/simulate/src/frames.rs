@@ -4,6 +4,7 @@ use crate::active::Active;
 use crate::kinds::Frame;
 use messages::{RawSkeleton, SMPL_JOINTS, Smpl, raw_flag};
 use rand::{Rng, RngExt};
+use rand_pcg::Pcg64Mcg;
 
 /// Shoulder, elbow and wrist of both arms.
 const ARMS: [[usize; 3]; 2] = [
@@ -18,19 +19,12 @@ pub fn alter(frame: Frame, active: &mut Active, raw: &mut RawSkeleton, last: Opt
         return false;
     }
     match frame {
-        Frame::Nan => number(active, raw, f32::NAN),
-        Frame::Infinite => {
-            let value = if active.rng.random() { f32::INFINITY } else { f32::NEG_INFINITY };
-            number(active, raw, value);
-        }
+        Frame::Nan => number(active, raw, |_| f32::NAN),
+        Frame::Infinite => number(active, raw, |rng| if rng.random() { f32::INFINITY } else { f32::NEG_INFINITY }),
         Frame::Denormal => {
-            let value = if active.rng.random() { -0.0 } else { f32::from_bits(active.rng.random_range(1..0x7f_ffff)) };
-            number(active, raw, value);
+            number(active, raw, |rng| if rng.random() { -0.0 } else { f32::from_bits(rng.random_range(1..0x7f_ffff)) })
         }
-        Frame::Huge => {
-            let value = if active.rng.random() { f32::MAX } else { f32::MIN };
-            number(active, raw, value);
-        }
+        Frame::Huge => number(active, raw, |rng| if rng.random() { f32::MAX } else { f32::MIN }),
         Frame::NotUnit => {
             let scale = if active.rng.random::<f64>() < 0.2 { 0.0 } else { active.rng.random_range(0.5..2.0) };
             raw.rotations[joint(active)].iter_mut().for_each(|x| *x *= scale);
@@ -114,7 +108,8 @@ fn joint(active: &mut Active) -> usize {
     active.rng.random_range(0..SMPL_JOINTS)
 }
 
-fn number(active: &mut Active, raw: &mut RawSkeleton, value: f32) {
+fn number(active: &mut Active, raw: &mut RawSkeleton, draw: impl FnOnce(&mut Pcg64Mcg) -> f32) {
+    let value = draw(&mut active.rng);
     let (joint, axis) = (joint(active), active.rng.random_range(0..3));
     match active.rng.random_range(0..5) {
         0 => raw.rotations[joint][axis] = value,

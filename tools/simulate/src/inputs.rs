@@ -127,10 +127,8 @@ impl Inputs {
             return Err(("unusable frame", format!("{why} is used")));
         }
         let valid = (0..LIMBS).find(|&limb| skeleton.flags & skeleton_flag::LIMB[limb] & guessed != 0);
-        match valid {
-            Some(limb) => Err(("guessed limb", format!("limb {limb} is used, but the tracker only estimates it"))),
-            None => Ok(()),
-        }
+        let Some(limb) = valid else { return Ok(()) };
+        Err(("guessed limb", format!("limb {limb} is used, but the tracker only estimates it")))
     }
 
     fn moved(&mut self, skeleton: &Skeleton) -> Result<(), Broken> {
@@ -156,10 +154,8 @@ impl Inputs {
             let at = |s: &Skeleton, i: usize| s.positions[joint][i] - s.positions[Smpl::LeftHip as usize][i];
             let step = (0..3).map(|i| (at(skeleton, i) - at(&last, i)).powi(2)).sum::<f32>().sqrt();
             if is != [0.0; 3] && was != [0.0; 3] && step > STEP_M {
-                return Err((
-                    "person jumps",
-                    format!("joint {joint} jumps by {step} m from one frame to the next, but is used"),
-                ));
+                let detail = format!("joint {joint} jumps by {step} m from one frame to the next, but is used");
+                return Err(("person jumps", detail));
             }
         }
         Ok(())

@@ -79,10 +79,8 @@ impl Modes {
         };
         let restarted = self.strangers(seen, &operator);
         if restarted != Faults(control.status.faults).has(Fault::WriterRestarted) {
-            return Err((
-                "restart",
-                format!("of retarget or the driver: {restarted}, but the status says the opposite"),
-            ));
+            let detail = format!("of retarget or the driver: {restarted}, but the status says the opposite");
+            return Err(("restart", detail));
         }
         self.observe(seen, &operator);
         self.transition(seen, &operator, mode)?;
@@ -244,9 +242,7 @@ impl Modes {
             ("skeleton silent", if seen.forged { 0 } else { self.since_frame }, INPUT_STALE),
             ("policy silent", self.since_row, INPUT_STALE),
         ];
-        match ages.iter().find(|(_, age, most)| age > most) {
-            Some((name, age, _)) => Err((name, format!("for {age} ticks, but it follows"))),
-            None => Ok(()),
-        }
+        let Some((name, age, _)) = ages.iter().find(|(_, age, most)| age > most) else { return Ok(()) };
+        Err((name, format!("for {age} ticks, but it follows")))
     }
 }

@@ -124,10 +124,9 @@ impl Movement {
         let again = why == Transition::RESET
             && self.lost.is_some_and(|ticks| ticks <= LATE)
             && self.honest.min(self.known) > STAND_AGAIN_TICKS as u64;
-        match self.moved(seen, STAND_AGAIN_TICKS, REST_RAD).filter(|_| again) {
-            Some((j, by)) => Err(("standstill", format!("reset, and joint {j} moved by {by} within a second"))),
-            None => Ok(()),
-        }
+        let moved = self.moved(seen, STAND_AGAIN_TICKS, REST_RAD).filter(|_| again);
+        let Some((j, by)) = moved else { return Ok(()) };
+        Err(("standstill", format!("reset, and joint {j} moved by {by} within a second")))
     }
 
     /// A joint that truly moves unlike its command for long enough is not moved on.
@@ -149,13 +148,8 @@ impl Movement {
         let share = |j: usize| (self.sum[j].max(0.0) / MEAN_TICKS as f64).sqrt() / seen.robot.limits[j].v_max;
         let worst = (0..seen.robot.count).find(|&j| share(j) > SPEED_SHARE).filter(|_| moves(mode));
         self.fast = if worst.is_some() { self.fast + 1 } else { 0 };
-        match worst.filter(|_| self.fast > LATE) {
-            Some(j) => Err((
-                "velocity error",
-                format!("joint {j} off by {} of its speed, but the robot still moves", share(j)),
-            )),
-            None => Ok(()),
-        }
+        let Some(j) = worst.filter(|_| self.fast > LATE) else { return Ok(()) };
+        Err(("velocity error", format!("joint {j} off by {} of its speed, but the robot still moves", share(j))))
     }
 
     /// A joint that nothing moves stays where it stood, or the robot is faulted.
@@ -175,14 +169,12 @@ impl Movement {
             (self.place, self.far) = (None, 0);
             return Ok(());
         }
-        match far.filter(|_| self.far > FAR_TICKS) {
-            Some(j) => {
-                Err(("standstill", format!("joint {j} left {} for {} without a fault", place[j], seen.truth[j])))
-            }
-            None if self.restless > SETTLE_TICKS => {
-                Err(("standstill", "the robot does not come to rest, and no fault is raised".into()))
-            }
-            None => Ok(()),
+        if let Some(j) = far.filter(|_| self.far > FAR_TICKS) {
+            return Err(("standstill", format!("joint {j} left {} for {} without a fault", place[j], seen.truth[j])));
         }
+        if self.restless > SETTLE_TICKS {
+            return Err(("standstill", "the robot does not come to rest, and no fault is raised".into()));
+        }
+        Ok(())
     }
 }

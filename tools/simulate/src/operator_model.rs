@@ -51,11 +51,6 @@ impl OperatorModel {
         Self { view, ..Self::default() }
     }
 
-    /// `control` restarted: the operator connects again.
-    pub fn reconnect(&mut self) {
-        *self = Self::new();
-    }
-
     pub fn read(&mut self, k: u64, status: &Status) {
         if k.is_multiple_of(LOOK) {
             self.mode = Mode::from_u32(status.mode).unwrap_or(Mode::Faulted);
@@ -85,18 +80,6 @@ impl OperatorModel {
         (self.act, self.since) = (Act::Idle, 0);
     }
 
-    fn enable(&mut self) {
-        self.view.enable_edges += 1;
-        self.view.held.enable_level = true;
-        (self.act, self.since) = (Act::Enabling, 0);
-    }
-
-    fn recover(&mut self) {
-        self.view.recover_edges += 1;
-        self.view.held.recover_level = true;
-        (self.act, self.since) = (Act::Recovering, 0);
-    }
-
     /// Decides what a sensible person does next, at another machine or here.
     fn decide(&mut self, is_remote: bool) {
         let start = Reasons::NONE.with(Reason::StartOutsideLimits).with(Reason::StartInCollision);
@@ -107,10 +90,13 @@ impl OperatorModel {
                 self.since = 0;
             }
             Act::Idle if self.mode == Mode::Disengaged => {
+                self.since = 0;
                 if self.reasons.0 & start.0 != 0 {
-                    self.recover();
+                    self.view.recover_edges += 1;
+                    (self.view.held.recover_level, self.act) = (true, Act::Recovering);
                 } else {
-                    self.enable();
+                    self.view.enable_edges += 1;
+                    (self.view.held.enable_level, self.act) = (true, Act::Enabling);
                 }
             }
             Act::Idle => {}
@@ -126,11 +112,8 @@ impl OperatorModel {
                     self.let_go();
                 }
             }
-            Act::Recovering => {
-                if self.mode != Mode::Recovering && self.since > WAIT {
-                    self.let_go();
-                }
-            }
+            Act::Recovering if self.mode != Mode::Recovering && self.since > WAIT => self.let_go(),
+            Act::Recovering => {}
         }
     }
 
@@ -149,7 +132,8 @@ impl OperatorModel {
         self.silent += 1;
         let mut speaks = true;
         let mut decides = k.is_multiple_of(LOOK);
-        faults.each(as_hand, |active, of| {
+        let of_hand = |fault| if let Fault::Operator(of) = fault { Some(of) } else { None };
+        faults.each(of_hand, |active, of| {
             let free = matches!(of, Of::Elsewhere | Of::Stuck | Of::Conflict | Of::Disconnect | Of::Silent);
             decides &= !free;
             self.suffer(active, of, &mut speaks)
@@ -255,8 +239,4 @@ impl OperatorModel {
         }
         self.hold_nothing();
     }
-}
-
-fn as_hand(fault: Fault) -> Option<Of> {
-    if let Fault::Operator(of) = fault { Some(of) } else { None }
 }

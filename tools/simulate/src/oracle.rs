@@ -129,9 +129,9 @@ impl Seen<'_> {
     }
 }
 
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Oracle {
-    limits: [JointLimits; JOINTS_MAX],
+    limits: Vec<JointLimits>,
     /// Executed positions of the last successive indices, newest last.
     window: [[f64; JOINTS_MAX]; 4],
     filled: usize,
@@ -165,28 +165,11 @@ impl Oracle {
     pub fn new(robot: &Model, k: u64) -> Self {
         let limits = &robot.limits;
         Self {
-            limits: *limits,
-            window: [[0.0; JOINTS_MAX]; 4],
-            filled: 0,
-            index: None,
-            executed_k: 0,
+            limits: limits.to_vec(),
             beyond: limits.map(|limits| [limits.q_min, limits.q_max]),
-            checked: 0,
-            judged: TrueMotion::default(),
-            engaging_k: None,
-            resumes: false,
-            held: 0,
-            was: Mode::Disengaged,
             moving_k: k,
-            rest: None,
-            modes: Modes::default(),
-            inputs: Inputs::default(),
-            rules: Rules::default(),
-            feedback: Feedback::default(),
-            movement: Movement::default(),
-            likeness: PersonJudge::default(),
             hash: 0xcbf2_9ce4_8422_2325,
-            ticks_in: [0; Mode::ALL.len()],
+            ..Self::default()
         }
     }
 
@@ -196,11 +179,8 @@ impl Oracle {
             let mode = Mode::from_u32(control.status.mode).unwrap_or(Mode::Faulted);
             self.note_mode(seen.k, mode, Faults(control.status.faults));
         }
-        let judged = match &seen.moment.robot {
-            Some(robot) => self.judge(seen, robot),
-            None => Ok(()),
-        };
         let was = self.was;
+        let judged = seen.moment.robot.as_ref().map_or(Ok(()), |robot| self.judge(seen, robot));
         judged
             .and_then(|()| self.true_motion(seen))
             .and_then(|()| self.inputs.check(seen, was))
@@ -352,29 +332,21 @@ impl Oracle {
         }
         let Some(rest) = self.rest else {
             self.rest = Some(robot.q);
-            return match robot.v.iter().find(|v| v.abs() > RESTING) {
-                Some(v) => Err(("stop bound", format!("still at {v} {STOP_TICKS} ticks after the last permit"))),
-                None => Ok(()),
-            };
+            let Some(v) = robot.v.iter().find(|v| v.abs() > RESTING) else { return Ok(()) };
+            return Err(("stop bound", format!("still at {v} {STOP_TICKS} ticks after the last permit")));
         };
-        match (0..robot.robot.joint_count as usize).find(|&j| (robot.q[j] - rest[j]).abs() > ROUNDING_Q) {
-            Some(j) => Err(("rest", format!("joint {j} left {} for {} without a permit", rest[j], robot.q[j]))),
-            None => Ok(()),
-        }
+        let left = (0..robot.robot.joint_count as usize).find(|&j| (robot.q[j] - rest[j]).abs() > ROUNDING_Q);
+        let Some(j) = left else { return Ok(()) };
+        Err(("rest", format!("joint {j} left {} for {} without a permit", rest[j], robot.q[j])))
     }
 
     /// The true motion of the joints keeps the limits even if processes were suspended, unless the robot itself
     /// is faulty. A simulation that begins with another robot counts from zero.
     fn true_motion(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
-        match self.judged.new_violations(seen) {
-            0 => Ok(()),
-            new => {
-                let Some(first) = seen.judged.first else { return Ok(()) };
-                let detail =
-                    format!("{}, which {}: {} beyond {}", first.kind.name(), first.which, first.value, first.bound);
-                Err(("true motion", format!("{new} new; the first of all: {detail}")))
-            }
-        }
+        let new = self.judged.new_violations(seen);
+        let Some(first) = seen.judged.first.filter(|_| new > 0) else { return Ok(()) };
+        let detail = format!("{}, which {}: {} beyond {}", first.kind.name(), first.which, first.value, first.bound);
+        Err(("true motion", format!("{new} new; the first of all: {detail}")))
     }
 
     fn simulated(&mut self, report: &Report) -> Result<(), Broken> {
@@ -384,9 +356,7 @@ impl Oracle {
         }
         self.checked = total;
         let Some(first) = report.first_violation else { return Ok(()) };
-        Err((
-            first.kind.name(),
-            format!("executed at index {}, which {}: {} beyond {}", first.k, first.which, first.value, first.limit),
-        ))
+        let (k, which, value, limit) = (first.k, first.which, first.value, first.limit);
+        Err((first.kind.name(), format!("executed at index {k}, which {which}: {value} beyond {limit}")))
     }
 }

@@ -67,10 +67,8 @@ impl PersonJudge {
         if let Some(limb) = (0..4).find(|&limb| angles[limb] > ANGLE) {
             return Err(("likeness", format!("limb {limb} is {} rad from the person's on average", angles[limb])));
         }
-        match (0..seen.robot.count).find(|&j| seen.calm && behind[j] > BEHIND) {
-            Some(j) => Err(("likeness", format!("joint {j} is {} from its target on average", behind[j]))),
-            None => Ok(()),
-        }
+        let Some(j) = (0..seen.robot.count).find(|&j| seen.calm && behind[j] > BEHIND) else { return Ok(()) };
+        Err(("likeness", format!("joint {j} is {} from its target on average", behind[j])))
     }
 }
 

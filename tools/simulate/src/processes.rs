@@ -67,11 +67,8 @@ impl Processes {
     /// Returns the processes that run in tick `k`, and those that restart in it.
     pub fn at(&mut self, k: u64) -> (Running, Started) {
         let runs = self.all.map(|one| k >= one.down_until);
-        let mut started = [false; 4];
-        for (who, one) in self.all.iter_mut().enumerate() {
-            started[who] = runs[who] && one.dead;
-            one.dead &= !runs[who];
-        }
+        let started = self.all.map(|one| one.dead && k >= one.down_until);
+        self.all.iter_mut().zip(started).for_each(|(one, started)| one.dead &= !started);
         (Running { ingest: runs[0], retarget: runs[1], control: runs[2], driver: runs[3] }, started)
     }
 }

@@ -64,10 +64,8 @@ impl Rules {
             self.no_numbers = if sound { 0 } else { self.no_numbers + 1 };
         }
         if self.no_numbers > NO_NUMBERS && follows(mode) && seen.is_person_leading() {
-            return Err((
-                "no number",
-                format!("{} targets in a row are NaN or infinite, but it follows", self.no_numbers),
-            ));
+            let detail = format!("{} targets in a row are NaN or infinite, but it follows", self.no_numbers);
+            return Err(("no number", detail));
         }
         if let (Some(operator), Some(made)) = (&seen.operator, control.transition) {
             let held = operator.enable_level || operator.recover_level;
@@ -76,10 +74,8 @@ impl Rules {
         if let Some(k) =
             self.strange_k.filter(|k| moves(mode) && self.moved && seen.k > k + STRANGE && seen.policy.leads == 0)
         {
-            return Err((
-                "new engage",
-                format!("another ingest since {} ticks, but the robot still moves", seen.k - k),
-            ));
+            let detail = format!("another ingest since {} ticks, but the robot still moves", seen.k - k);
+            return Err(("new engage", detail));
         }
         if !moves(mode) {
             self.strange_k = None;
@@ -122,10 +118,8 @@ impl Rules {
         for j in (0..seen.robot.count).filter(|&j| both & 1 << j != 0) {
             let step = (target.q[j] - before.q[j]).abs();
             if (target.dq[j] * dt).abs() > step + ROUNDING {
-                return Err((
-                    "target velocity",
-                    format!("joint {j} at {} rad/s, moved {step} in {dt} s", target.dq[j]),
-                ));
+                let detail = format!("joint {j} at {} rad/s, moved {step} in {dt} s", target.dq[j]);
+                return Err(("target velocity", detail));
             }
         }
         Ok(())

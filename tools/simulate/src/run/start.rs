@@ -1,6 +1,6 @@
 //! Restarts processes, and judges the start of a driver.
 
-use super::{ProcessId, Run, UNDRIVEN, Violation};
+use super::{OperatorModel, ProcessId, Run, UNDRIVEN, Violation};
 use crate::processes::Started;
 
 /// Largest true speed of a robot on which a driver starts, rad/s or m/s. It stays within 0.4 mrad for 100 ms, which at
@@ -17,7 +17,8 @@ impl Run<'_> {
         }
         if started[ProcessId::Control as usize] {
             self.world.restart_control(&self.subject.config);
-            self.hand.reconnect();
+            // The operator connects again.
+            self.hand = OperatorModel::new();
             self.remote.iter_mut().for_each(|remote| remote.reconnect());
         }
         if started[ProcessId::Driver as usize] {
@@ -41,12 +42,8 @@ impl Run<'_> {
             return Ok(());
         }
         let truth = self.world.robot_mut().truth().v;
-        match truth.iter().position(|v| v.abs() > STANDS) {
-            Some(j) => {
-                let detail = format!("joint {j} moves at {}", truth[j]);
-                Err(Violation { tick: k, invariant: "driver starts", detail })
-            }
-            None => Ok(()),
-        }
+        let Some(j) = truth.iter().position(|v| v.abs() > STANDS) else { return Ok(()) };
+        let detail = format!("joint {j} moves at {}", truth[j]);
+        Err(Violation { tick: k, invariant: "driver starts", detail })
     }
 }
