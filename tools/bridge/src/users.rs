@@ -5,7 +5,7 @@ use messages::Stamp;
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::Read;
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+use std::net::{IpAddr, SocketAddr, UdpSocket};
 
 /// Time for which an answer is cached, ns. So not every packet needs a lookup.
 const HOLDS_NS: u64 = 1_000_000_000;
@@ -76,13 +76,9 @@ fn owned(tables: &[String], sender: SocketAddr, own: u32) -> bool {
             return false;
         }
         // A socket that is bound to no address sends from any address. An IPv6 socket also sends from IPv4 addresses.
-        found |= ip == sender.ip() || ip == IpAddr::V6(Ipv6Addr::UNSPECIFIED) || ip == unspecified(sender.ip());
+        found |= ip == sender.ip() || ip.is_unspecified() && (ip.is_ipv6() || sender.is_ipv4());
     }
     found
-}
-
-fn unspecified(like: IpAddr) -> IpAddr {
-    if like.is_ipv4() { Ipv4Addr::UNSPECIFIED.into() } else { Ipv6Addr::UNSPECIFIED.into() }
 }
 
 /// Parses local address, port and user of a line: `sl local rem st queues timer retransmits uid ...`. Addresses

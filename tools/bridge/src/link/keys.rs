@@ -76,10 +76,8 @@ impl Keys {
     pub fn read_operator(bundle: &Path) -> Result<Self, Failure> {
         let keys = Self::parse(bundle, &read_secret(bundle)?, Vec::new())?;
         if keys.operator.is_none() {
-            return Err(wrong(
-                bundle,
-                "has no line \"operator: NAME\". Give the bundle that teleop-bridge link pair operator made",
-            ));
+            let text = "has no line \"operator: NAME\". Give the bundle that teleop-bridge link pair operator made";
+            return Err(wrong(bundle, text));
         }
         Ok(keys)
     }
@@ -94,9 +92,9 @@ impl Keys {
     }
 
     fn parse(path: &Path, text: &str, operators: Vec<(Name, String)>) -> Result<Self, Failure> {
+        let value = |key: &str| text.lines().find_map(|line| line.strip_prefix(key)).map(str::trim);
         let named = |key: &str| -> Result<Option<Name>, Failure> {
-            let line = text.lines().find_map(|line| line.strip_prefix(key));
-            line.map(|name| name.trim().parse().map_err(|error| wrong(path, format!("{key} {error}")))).transpose()
+            value(key).map(|name| name.parse().map_err(|error| wrong(path, format!("{key} {error}")))).transpose()
         };
         let missing = |what: &str| wrong(path, format!("has no {what}"));
         let (certificates, keys) = (blocks(text, CERTIFICATE), blocks(text, PRIVATE_KEY));
@@ -106,10 +104,7 @@ impl Keys {
             robot: named("robot:")?.ok_or_else(|| missing("line \"robot: NAME\""))?,
             operator: named("operator:")?,
             operators,
-            router: text
-                .lines()
-                .find_map(|line| line.strip_prefix(super::pair::BY_ROUTER))
-                .map(|name| name.trim().into()),
+            router: value(super::pair::BY_ROUTER).map(str::to_owned),
             certificate: certificate.to_owned(),
             key: key.to_owned(),
             authority: authority.to_owned(),

@@ -81,12 +81,7 @@ fn addresses(all: &[String]) -> Result<Vec<String>, Failure> {
             address.strip_prefix("quic/").and_then(|host| host.rsplit_once(':')).map(|(_, port)| port.parse::<u16>());
         matches!(port, Some(Ok(_))) && !address.contains(['?', '#'])
     };
-    match all.iter().find(|address| !secure(address)) {
-        None => Ok(all.to_vec()),
-        Some(address) => {
-            let text =
-                format!("{address}: not an address of a link. Give quic/HOST:PORT: nothing else has certificates");
-            Err(Failure::new(rt::Exit::Usage, text))
-        }
-    }
+    let Some(address) = all.iter().find(|address| !secure(address)) else { return Ok(all.to_vec()) };
+    let text = format!("{address}: not an address of a link. Give quic/HOST:PORT: nothing else has certificates");
+    Err(Failure::new(rt::Exit::Usage, text))
 }
