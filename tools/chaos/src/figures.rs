@@ -95,9 +95,7 @@ impl TrialFigures {
         self.states += seen.states;
         self.not_finite += seen.not_finite;
         self.moved_without_enable += seen.moved_without_enable;
-        for (sum, count) in self.witnessed.iter_mut().zip(seen.violations) {
-            *sum += count;
-        }
+        self.witnessed.iter_mut().zip(seen.violations).for_each(|(sum, count)| *sum += count);
     }
 
     fn add_record(&mut self, record: &Value) {

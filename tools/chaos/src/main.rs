@@ -28,13 +28,11 @@ fn main() -> ExitCode {
         return ended;
     }
     let Cli { command, trials } = report::parse();
-    rt::finish(
-        "chaos",
-        match command {
-            None => run_trials(&trials),
-            Some(Command::Soak(args)) => run_soak(&args),
-        },
-    )
+    let done = match command {
+        None => run_trials(&trials),
+        Some(Command::Soak(args)) => run_soak(&args),
+    };
+    rt::finish("chaos", done)
 }
 
 /// Runs all trials, several per instance. Returns true if every promise was kept.

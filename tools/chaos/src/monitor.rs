@@ -64,8 +64,7 @@ impl Monitor {
             Ok((states, domain.reader::<RobotMeasured>(Service::RobotMeasured)?, domain))
         };
         let thread = Background::opened("witness", open, move |(mut states, mut robots, _domain), ends| {
-            let report = Report::default();
-            let mut judge = Judge { config, checker: None, report };
+            let mut judge = Judge { config, checker: None, report: Report::default() };
             while !ends.load(Ordering::Relaxed) {
                 if let Some(state) = states.latest() {
                     judge.look(&mut lock(&shared), &state);
