@@ -91,10 +91,8 @@ impl VariantFigures {
             all.add(outcome).map_err(&invalid)?;
         }
         let empty = HOPS.iter().zip(&all.hops).find(|(_, distribution)| distribution.count() == 0);
-        match empty {
-            Some(((hop, process), _)) => Err(invalid(format!("{process} counted no {hop}"))),
-            None => Ok(all),
-        }
+        let Some(((hop, process), _)) = empty else { return Ok(all) };
+        Err(invalid(format!("{process} counted no {hop}")))
     }
 
     fn add(&mut self, outcome: &Outcome) -> Result<(), String> {

@@ -55,6 +55,7 @@ impl Measured {
         let rest = events.as_object_mut().expect("an object");
         let (hops, wake_ups) = (rest.remove("hops_us"), rest.remove("wake_up_us"));
         let beyond = BEYOND.map(|(name, quantile)| (name.to_owned(), json!(self.beyond_work_us(quantile))));
+        let pin = |pin: &Pin| if let Pin::Cores(cores) = pin { core_text(cores) } else { "free".into() };
         let mut value = json!({
             "ratios": {
                 "wakeup_p50_vs_cyclictest": self.wake_up_ratio(reference, 0.5),
@@ -78,7 +79,7 @@ impl Measured {
             "options": {
                 "seconds": options.seconds, "load": options.load, "rate_hz": options.rate_hz,
                 "policy": options.policy.map(|policy| if policy == Policy::Fifo { "fifo" } else { "other" }),
-                "pin": options.pin.as_ref().map(pin_text),
+                "pin": options.pin.as_ref().map(pin),
             },
             "blocks": self.blocks.iter().map(|block| json!([block.kind.name(), block.seconds])).collect::<Vec<_>>(),
         });
@@ -105,11 +106,4 @@ impl Measured {
 pub(crate) fn ratio(over: Option<f64>, under: Option<f64>) -> Option<f64> {
     let (over, under) = (over?, under?);
     (under > 0.0).then(|| over / under)
-}
-
-fn pin_text(pin: &Pin) -> String {
-    match pin {
-        Pin::Free => "free".into(),
-        Pin::Cores(cores) => core_text(cores),
-    }
 }

@@ -99,12 +99,8 @@ fn processes(out: &mut String, all: &Measured) -> std::fmt::Result {
     for (title, figures) in [("woken by events", &all.events), ("polled", &all.polled)] {
         writeln!(out, "\nprocesses, {title}, {} blocks, {:.0} s", figures.blocks, figures.wall_s)?;
         for (i, (name, _)) in LOOPS.iter().enumerate() {
-            writeln!(
-                out,
-                "  {name:<10} missed {} of {} deadlines",
-                figures.missed[i],
-                figures.missed[i] + figures.ticks[i]
-            )?;
+            let missed = figures.missed[i];
+            writeln!(out, "  {name:<10} missed {missed} of {} deadlines", missed + figures.ticks[i])?;
         }
         process_table(out, figures)?;
     }

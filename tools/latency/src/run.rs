@@ -54,26 +54,15 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, Failure> {
                 outcomes.push(outcome);
             }
         }
-        if shutdown.requested() {
-            return Err(::report::interrupted());
-        }
+        unless_ended(Ok(()), shutdown)?;
     }
     drop(load);
     let of = |kind| {
         let mine: Vec<_> = outcomes.iter().filter(|outcome| outcome.kind == kind).cloned().collect();
         VariantFigures::merge(&mine)
     };
-    let cyclictest = (bare.count() > 0).then_some(bare);
-    Ok(Measured {
-        events: of(Kind::Events)?,
-        polled: of(Kind::Polled)?,
-        cyclictest,
-        probe,
-        probe_realtime,
-        host,
-        blocks,
-        start,
-    })
+    let (events, polled, cyclictest) = (of(Kind::Events)?, of(Kind::Polled)?, (bare.count() > 0).then_some(bare));
+    Ok(Measured { events, polled, cyclictest, probe, probe_realtime, host, blocks, start })
 }
 
 /// Maps errors to an interruption if shutdown was requested. Ctrl-C reaches a reference too, so its error then
