@@ -36,10 +36,8 @@ impl Limits {
     fn check(&self) -> Result<(), CollisionError> {
         for (key, value, most) in [("--share", self.share, 1.0), ("--payload-kg", self.payload_kg, 50.0)] {
             if !(value >= 0.0 && value <= most) || (value == 0.0 && key != "--payload-kg") {
-                return Err(CollisionError::content(
-                    "arguments",
-                    format!("{key} {value:?}, must be above 0 to {most}"),
-                ));
+                let cause = format!("{key} {value:?}, must be above 0 to {most}");
+                return Err(CollisionError::content("arguments", cause));
             }
         }
         Ok(())

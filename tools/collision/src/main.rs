@@ -337,10 +337,8 @@ fn check(source: &Source, sign: bool) -> Result<bool, CollisionError> {
 
 /// Returns true if a capsule's name is the stem, or the stem and a number.
 fn belongs(name: &str, stem: &str) -> bool {
-    let rest = name.strip_prefix(stem);
-    rest.is_some_and(|rest| {
-        rest.is_empty() || rest.strip_prefix('_').is_some_and(|number| number.parse::<usize>().is_ok())
-    })
+    let Some(rest) = name.strip_prefix(stem) else { return false };
+    rest.is_empty() || rest.strip_prefix('_').is_some_and(|number| number.parse::<usize>().is_ok())
 }
 
 fn summary(model: &Model) {

@@ -109,7 +109,8 @@ pub fn stop_times_text(times: &StopTimes, bounds: &[Bounds], model: &Model) -> S
         let (worst, bound) = (of.stop_s * 1e3, joint_bound_s(bounds) * 1e3);
         lines.push(format!("{name:22} {worst:9.3} {bound:9.3}   {:+.4}, {:+.3}", of.v, of.a));
     }
-    let (states, worst, beyond) = (times.states, times.worst_s() * 1e3, times.exceeded());
+    let (states, beyond) = (times.states, times.exceeded());
+    let worst = times.joints.iter().map(|joint| joint.stop_s).fold(0.0, f64::max) * 1e3;
     let bound = bounds.iter().map(joint_bound_s).fold(0.0, f64::max) * 1e3;
     let share = 100.0 * times.share_of_bound;
     lines.push(format!(

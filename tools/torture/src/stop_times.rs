@@ -89,10 +89,6 @@ impl StopTimes {
         self.joints.iter().map(|joint| joint.exceeded).sum()
     }
 
-    pub fn worst_s(&self) -> f64 {
-        self.joints.iter().map(|joint| joint.stop_s).fold(0.0, f64::max)
-    }
-
     fn record(&mut self, bounds: &[Bounds], j: usize, x: JointState) -> f64 {
         let stop_s = JointStop::new(x.v, x.a, bounds[j].a_max, bounds[j].j_max).total_s();
         let (bound, bound_at) = (joint_bound_s(&bounds[j]), joint_bound_at_s(&bounds[j], x.v));

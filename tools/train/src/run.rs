@@ -60,14 +60,10 @@ fn begin(cli: &Cli, robot: &Path, recorded: &Recorded) -> Result<(Run, Session),
     let identity = ArmIdentity::from_model(&read_model(robot)?);
     let arm = Arm::from(&identity.arm);
     let out = if cli.robot.len() == 1 { cli.out.clone() } else { cli.out.join(&identity.robot) };
-    let session = Session::new(options(cli, recorded, &arm)?, arm).starting_at(start(&identity.arm, recorded));
-    Ok((Run { out, identity }, session))
-}
-
-fn options(cli: &Cli, recorded: &Recorded, arm: &Arm) -> Result<Options, Failure> {
     let mut options = cli.options()?;
-    options.mixture.gimbal = recorded.share_to_turn(&Gimbal::new(arm));
-    Ok(options)
+    options.mixture.gimbal = recorded.share_to_turn(&Gimbal::new(&arm));
+    let session = Session::new(options, arm).starting_at(start(&identity.arm, recorded));
+    Ok((Run { out, identity }, session))
 }
 
 fn write_product(

@@ -113,7 +113,7 @@ impl Batch {
 
     /// Draws the batch of `shard` at `step`. The same arguments give the same batch.
     pub fn draw(&mut self, seed: u64, step: u64, shard: u64, arm: &Arm, recorded: &Recorded, mixture: &Mixture) {
-        let mut rng = generator(seed, step, shard);
+        let mut rng = Pcg64::new(u128::from(seed) << 64 | u128::from(step), u128::from(shard) + 1);
         let rows = self.rows();
         let from_recording = ((1.0 - mixture.procedural) * rows as f64).round() as usize;
         let mut before = [[0.0, 0.0, 0.0, 1.0]; 2];
@@ -134,9 +134,7 @@ impl Batch {
         for (posture, half) in self.posture.iter_mut().zip(arm.half.iter().cycle()).filter(|(_, half)| **half == 0.0) {
             *posture = *half;
         }
-        for anchor in &mut self.anchor {
-            *anchor = rng.random_range(0..3);
-        }
+        self.anchor.fill_with(|| rng.random_range(0..3));
         self.shift = rng.random_range(1..rows);
         for (limbs, row) in self.human.iter().zip(self.features.as_chunks_mut::<FEATURES>().0) {
             *row = features(limbs);
@@ -145,10 +143,6 @@ impl Batch {
             *limbs = arm.forward(&arm.denormalised(posture));
         }
     }
-}
-
-fn generator(seed: u64, step: u64, shard: u64) -> Pcg64 {
-    Pcg64::new(u128::from(seed) << 64 | u128::from(step), u128::from(shard) + 1)
 }
 
 /// Draws a procedural human left arm. The bone's azimuth is -50..130 degrees (0 is straight to the side, 90 to the
