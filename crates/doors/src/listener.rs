@@ -40,10 +40,7 @@ impl Listener {
         let address = SocketAddrUnix::new(&path).map_err(|_| DoorError::PathTooLong { path: path.clone() })?;
         let lock = lock(&path, daemon)?;
         remove_stale(&path, &address, daemon)?;
-        let os = |action| {
-            let path = path.clone();
-            move |source| DoorError::Os { path, action, source }
-        };
+        let os = |action| failed(&path, action);
         let socket = socket(SocketFlags::NONBLOCK).map_err(os("create a Unix SEQPACKET socket"))?;
         net::bind(&socket, &address).map_err(|errno| match errno {
             Errno::ACCESS | Errno::PERM => DoorError::PermissionDenied { path: path.clone() },
@@ -98,10 +95,7 @@ impl Drop for Listener {
 pub fn connect(path: &Path, daemon: &'static str, timeout_ms: u64) -> Result<OwnedFd, DoorError> {
     let path = path.to_path_buf();
     let address = SocketAddrUnix::new(&path).map_err(|_| DoorError::PathTooLong { path: path.clone() })?;
-    let os = |action| {
-        let path = path.clone();
-        move |source| DoorError::Os { path, action, source }
-    };
+    let os = |action| failed(&path, action);
     let socket = socket(SocketFlags::empty()).map_err(os("create a Unix SEQPACKET socket"))?;
     for which in [Timeout::Recv, Timeout::Send] {
         sockopt::set_socket_timeout(&socket, which, Some(Duration::from_millis(timeout_ms.max(1))))
@@ -116,6 +110,10 @@ pub fn connect(path: &Path, daemon: &'static str, timeout_ms: u64) -> Result<Own
         Err(Errno::PROTOTYPE) => Err(DoorError::NotASocket { path }),
         Err(source) => Err(DoorError::Os { path, action: "connect", source }),
     }
+}
+
+fn failed(path: &Path, action: &'static str) -> impl Fn(Errno) -> DoorError {
+    move |source| DoorError::Os { path: path.to_path_buf(), action, source }
 }
 
 fn socket(flags: SocketFlags) -> Result<OwnedFd, Errno> {
@@ -145,7 +143,7 @@ fn lock(path: &Path, daemon: &'static str) -> Result<OwnedFd, DoorError> {
 /// Removes a socket file that no server listens on. The caller holds the lock, so no server is about to listen on
 /// it.
 fn remove_stale(path: &Path, address: &SocketAddrUnix, daemon: &'static str) -> Result<(), DoorError> {
-    let os = |action| move |source| DoorError::Os { path: path.to_path_buf(), action, source };
+    let os = |action| failed(path, action);
     let kind = match fs::lstat(path) {
         Ok(stat) => FileType::from_raw_mode(stat.st_mode),
         Err(Errno::NOENT) => return Ok(()),
