@@ -162,7 +162,8 @@ impl Body {
             d_min_m: file.d_min_m(toml_name)?,
             home,
             payloads: file.payloads(toml_name)?.map(|row| row.map(|(mass_kg, at)| (mass_kg, at.into()))),
-            hands: [names.len() - file.right_joints(), names.len()],
+            // The joints of the right arm come last.
+            hands: [names.len() - file.arms.right.joints.len(), names.len()],
             links,
         };
         body.lump(&urdf);
@@ -272,7 +273,7 @@ fn order(file: &RobotFile, urdf: &Urdf) -> Vec<String> {
     };
     let mut names = file.body_joints.clone();
     names.sort_by_key(depth);
-    names.extend(file.arm_joints().cloned());
+    names.extend(file.arms.left.joints.iter().chain(&file.arms.right.joints).cloned());
     names
 }
 

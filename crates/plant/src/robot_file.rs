@@ -20,7 +20,7 @@ pub(crate) struct RobotFile {
     pub(crate) held_rad: BTreeMap<String, f64>,
     #[serde(default)]
     pub(crate) held_m: BTreeMap<String, f64>,
-    arms: Arms,
+    pub(crate) arms: Arms,
     #[serde(default)]
     controllers: Vec<ControllerRow>,
     limits: Groups,
@@ -56,14 +56,14 @@ struct PayloadRow {
 }
 
 #[derive(Deserialize)]
-struct Arms {
-    left: ArmRow,
-    right: ArmRow,
+pub(crate) struct Arms {
+    pub(crate) left: ArmRow,
+    pub(crate) right: ArmRow,
 }
 
 #[derive(Deserialize)]
-struct ArmRow {
-    joints: Vec<String>,
+pub(crate) struct ArmRow {
+    pub(crate) joints: Vec<String>,
 }
 
 #[derive(Deserialize)]
@@ -153,15 +153,6 @@ impl RobotFile {
             return Err(PlantError::value(file, "format", read.format, format!("this version reads {FORMAT}")));
         }
         Ok(read)
-    }
-
-    pub(crate) fn arm_joints(&self) -> impl Iterator<Item = &String> {
-        self.arms.left.joints.iter().chain(&self.arms.right.joints)
-    }
-
-    /// Number of joints of the right arm, which come last.
-    pub(crate) fn right_joints(&self) -> usize {
-        self.arms.right.joints.len()
     }
 
     /// Writes the limits that the file supplies into a joint. One that turns without end gets its range.

@@ -3,7 +3,6 @@
 use crate::error::RobotError;
 use crate::file::{HandEntry, Sides};
 use crate::model::Source;
-use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
 /// Bounds of the keys of a hand. A small gripper closes in 50 ms at least, and a palm is no wider than 0.5 m. 500 N break
@@ -93,7 +92,10 @@ impl Source<'_> {
                 }
                 fingers.push(Finger { joint, open, closed });
             }
-            self.no_more(&key(&format!("closed_{unit}")), &closed)?;
+            if let Some(joint) = closed.keys().next() {
+                let bound = "must have the joints of the open hand alone";
+                return Err(self.value(&key(&format!("closed_{unit}")), format!("`{joint}`"), bound));
+            }
         }
         if fingers.is_empty() {
             return Err(self.value(&key("open_rad"), "missing".into(), "at least one finger's joint must be given"));
@@ -104,12 +106,6 @@ impl Source<'_> {
             opening_m: within("opening_m", hand.opening_m, &OPENING_M)?,
             force_max_n: within("force_max_n", hand.force_max_n, &FORCE_N)?,
             speed: 1e3 / closing_time_ms,
-        })
-    }
-
-    fn no_more(&self, key: &str, left: &BTreeMap<String, f64>) -> Result<(), RobotError> {
-        left.keys().next().map_or(Ok(()), |joint| {
-            Err(self.value(key, format!("`{joint}`"), "must have the joints of the open hand alone"))
         })
     }
 }

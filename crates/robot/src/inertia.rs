@@ -1,7 +1,7 @@
 //! Masses of the bodies. The inertials of the URDF's links are merged where joints are fixed or held.
 
 use crate::error::RobotError;
-use crate::model::{BodyLink, Model, Source};
+use crate::model::{Model, Source};
 use crate::pose::Pose;
 use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
@@ -87,19 +87,14 @@ pub(crate) fn read(file: &str, link: &urdf_rs::Link) -> Result<Inertia, RobotErr
     Ok(Inertia { mass_kg, center: Vector3::zeros(), about_center: own }.seen_from(&pose))
 }
 
-/// Sums the links' masses on the bodies that carry them.
-pub(crate) fn body_inertias(links: &[BodyLink]) -> [Inertia; JOINTS_MAX + 1] {
-    let mut bodies = [Inertia::default(); JOINTS_MAX + 1];
-    for link in links {
-        bodies[link.body] = bodies[link.body].combined(&link.inertia.seen_from(&link.body_from_link));
-    }
-    bodies
-}
-
 impl Model {
-    /// Masses of the bodies, each in its own frame. Body 0 is the base.
+    /// Masses of the bodies, each in its own frame: the sums of the links that they carry. Body 0 is the base.
     pub fn inertias(&self) -> [Inertia; JOINTS_MAX + 1] {
-        body_inertias(&self.links)
+        let mut bodies = [Inertia::default(); JOINTS_MAX + 1];
+        for link in &self.links {
+            bodies[link.body] = bodies[link.body].combined(&link.inertia.seen_from(&link.body_from_link));
+        }
+        bodies
     }
 }
 

@@ -111,7 +111,10 @@ impl PointingJoints {
             let inside = |i: usize, turn: f64| (self.home[i] + turn).max(self.q_min[i]).min(self.q_max[i]);
             [inside(at[0], turn[0]), inside(at[1], turn[1])]
         };
-        let free = best_of_all(&m);
+        // The largest product, without limits.
+        let (p, q) = (m.column(0), m.column(1));
+        let v = half((2.0 * p.dot(&q)).atan2(p.norm_squared() - q.norm_squared()));
+        let free = [twice_angle(m * v), twice_angle(v)];
         if let [Some(first), Some(second)] = [0, 1].map(|i| inside(free[i], bounds[i])) {
             return position([first, second]);
         }
@@ -140,13 +143,6 @@ impl PointingJoints {
 fn product([a, b]: [Vector3<f64>; 2], wanted: &UnitQuaternion<f64>) -> Matrix2<f64> {
     let (w, x) = (wanted.w, wanted.imag());
     Matrix2::new(w, b.dot(&x), a.dot(&x), a.cross(&b).dot(&x) - a.dot(&b) * w)
-}
-
-/// Angles of both joints for the largest product, without limits, rad.
-fn best_of_all(m: &Matrix2<f64>) -> [f64; 2] {
-    let (p, q) = (m.column(0), m.column(1));
-    let v = half((2.0 * p.dot(&q)).atan2(p.norm_squared() - q.norm_squared()));
-    [twice_angle(m * v), twice_angle(v)]
 }
 
 /// The unit vector at half of an angle.
