@@ -227,7 +227,12 @@ pub fn lacks_weights(robot: Option<&RobotChoice>, read: &Path) -> bool {
 
 /// Paths of the manifest and the tensors of `base`.
 pub(crate) fn weight_files(base: &Path) -> [PathBuf; 2] {
-    ["toml", "safetensors"].map(|extension| with_extension(base, extension))
+    // Keeps a dot that belongs to the name, unlike `Path::with_extension`.
+    ["toml", "safetensors"].map(|extension| {
+        let mut name = base.as_os_str().to_owned();
+        name.push(format!(".{extension}"));
+        PathBuf::from(name)
+    })
 }
 
 /// Adds the settings key to the error if either file could not be read. See [`named`].
@@ -310,14 +315,6 @@ fn read_weight_files<T>(
         ConfigError::Weights { file: file.display().to_string(), cause }
     })?;
     Ok((value, manifest))
-}
-
-// Keeps a dot that belongs to the name, unlike `Path::with_extension`.
-fn with_extension(base: &Path, extension: &str) -> PathBuf {
-    let mut name = base.as_os_str().to_owned();
-    name.push(".");
-    name.push(extension);
-    PathBuf::from(name)
 }
 
 /// Reads a text file. It must be a regular file of bounded length, in UTF-8.

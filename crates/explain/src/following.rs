@@ -59,9 +59,3 @@ fn unseen(status: &Status) -> &'static str {
         _ => "",
     }
 }
-
-/// Name in reports of the limit that keeps the command from the person.
-pub(crate) fn limit_name(status: &Status) -> Option<&'static str> {
-    let limit = FollowingLimit::from_u32(status.limited_why);
-    (limit != FollowingLimit::None).then(|| limit.name())
-}

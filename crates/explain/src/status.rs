@@ -1,7 +1,7 @@
 //! The status as JSON.
 
 use crate::sentences;
-use messages::{FAULTS, Faults, Mode, Stamp, Status, Subject, source_flag};
+use messages::{FAULTS, Faults, FollowingLimit, Mode, Stamp, Status, Subject, source_flag};
 use robot::Names;
 use serde_json::{Value, json};
 
@@ -84,7 +84,9 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         "transitions": transitions,
     });
     let limited_about = sentences::subject(Subject::from_code(status.limited_about), names);
-    all["limited"] = json!({ "by": crate::following::limit_name(status), "about": limited_about });
+    // The limit that keeps the command from the person.
+    let limit = Some(FollowingLimit::from_u32(status.limited_why)).filter(|limit| *limit != FollowingLimit::None);
+    all["limited"] = json!({ "by": limit.map(FollowingLimit::name), "about": limited_about });
     all["lost_percent"] = json!(0.1 * f64::from(status.lost_permille));
     let arms = |bits: u32| [(1, "left"), (2, "right")].into_iter().filter(move |(side, _)| bits & side != 0);
     all["left_out"] = arms(status.left_out).map(|(_, name)| name).collect();

@@ -8,7 +8,6 @@
 //! w_i    axis of joint i through c_i, base frame
 //! ```
 
-use crate::LIMB_JOINTS;
 use messages::ARM_JOINTS;
 use nalgebra::Vector3;
 use robot::{Arm, CAPSULES_MAX, Frames, Model, segment_distance};
@@ -46,13 +45,6 @@ pub(crate) struct ArmPairs {
     pairs: Vec<Pair>,
     /// Unit axis of the joint in each slot, in the frame of the body that it moves.
     axes: [Vector3<f64>; ARM_JOINTS],
-}
-
-impl NearPair {
-    /// Returns true if a joint that turns a limb changes the distance.
-    pub(crate) fn has_limb(&self) -> bool {
-        self.slope[..LIMB_JOINTS].iter().any(|slope| *slope != 0.0)
-    }
 }
 
 impl ArmPairs {

@@ -286,7 +286,8 @@ fn evaluate_pairs(config: &Config, state: &mut State, input: &Input<'_>) {
         let (gaps, wrist) = (&mut state.gaps[arm], &mut state.wrists[arm]);
         gaps.clear(step);
         config.pairs[arm].evaluate(&config.model, &state.frames, |pair| {
-            if pair.has_limb() {
+            // A joint that turns a limb changes the distance.
+            if pair.slope[..LIMB_JOINTS].iter().any(|slope| *slope != 0.0) {
                 let slope = ArmVector::from_fn(|j, _| pair.slope[j]);
                 gaps.insert(step, Gap::new(pair.distance_m - config.model.d_min_m, slope, &there));
             }

@@ -234,7 +234,9 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
         "bvh" => read_bvh(&name, path, source, options)?,
         "mcap" => mcap::parse_mcap(source, &name).map_err(|source| MotionError::Mcap { file: file(), source })?,
         "npy" => read_humanml3d(&name, path, source, options).map_err(array)?,
-        _ => read_amass(&name, source, options).map_err(array)?,
+        _ => amass::read(BufReader::new(source), options)
+            .and_then(|sequence| from_array(&name, sequence, options.up.unwrap_or(Up::Z), true))
+            .map_err(array)?,
     };
     // The first frame of a BVH shows the same body.
     let has_first = motion.first.is_some();
@@ -303,11 +305,6 @@ fn read_humanml3d(name: &str, path: &Path, source: std::fs::File, options: &Load
         warnings.push(format!("no rate in the file: {frame_rate_hz} Hz, as in HumanML3D (--frame-rate HZ changes it)"));
     }
     from_array(name, amass::Sequence { frame_rate_hz, frames, warnings }, up, false)
-}
-
-fn read_amass(name: &str, source: std::fs::File, options: &LoadOptions) -> Result<Motion, ArrayError> {
-    let sequence = amass::read(BufReader::new(source), options)?;
-    from_array(name, sequence, options.up.unwrap_or(Up::Z), true)
 }
 
 /// Returns the motion of an array, whose unit is guessed. Without rotations they are the identity.

@@ -37,7 +37,8 @@ enum Kind {
 impl Level {
     /// Returns the widest level of this processor.
     pub fn best() -> Self {
-        Self::from_arch(Arch::new())
+        let arch = Arch::new();
+        Self(if matches!(arch, Arch::Scalar) { Kind::Portable } else { Kind::Detected(arch) })
     }
 
     /// Returns the level for every processor of the target architecture. Its multiply-adds are not fused.
@@ -70,10 +71,6 @@ impl Level {
             Kind::Detected(Arch::Neon(_)) => "NEON",
             _ => "portable",
         }
-    }
-
-    fn from_arch(arch: Arch) -> Self {
-        Self(if matches!(arch, Arch::Scalar) { Kind::Portable } else { Kind::Detected(arch) })
     }
 
     /// Numbers in a vector.

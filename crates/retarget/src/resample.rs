@@ -327,17 +327,13 @@ impl Track {
         } else {
             self.extrapolation.at(&newest.sample.limbs, source - newest.source)
         };
-        Some((self.faded(limbs, now), seen))
+        // The crossfade of a restart.
+        Some((self.fade.map_or(limbs, |fade| fade.from.limbs.between(&limbs, fade.share(now))), seen))
     }
 
     /// Returns true while the crossfade of a restart lasts.
     pub fn is_fading(&self) -> bool {
         self.fade.is_some()
-    }
-
-    /// Applies the crossfade of a restart.
-    fn faded(&self, limbs: Limbs, now: Stamp) -> Limbs {
-        self.fade.map_or(limbs, |fade| fade.from.limbs.between(&limbs, fade.share(now)))
     }
 
     /// Sets the prediction after the newest knot, until there is a newer one.
