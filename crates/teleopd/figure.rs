@@ -79,12 +79,9 @@ impl Canvas {
     }
 
     fn rows(&self) -> impl Iterator<Item = String> {
-        self.cells.iter().map(|row| row.iter().map(|&bits| braille(bits)).collect())
+        let braille = |&bits: &u8| char::from_u32(0x2800 + u32::from(bits)).unwrap_or(' ');
+        self.cells.iter().map(move |row| row.iter().map(braille).collect())
     }
-}
-
-fn braille(bits: u8) -> char {
-    char::from_u32(0x2800 + u32::from(bits)).unwrap_or(' ')
 }
 
 /// Dots per metre. A dot is as wide as it is high.

@@ -64,15 +64,13 @@ impl Following {
 
     /// Adds a tick, and the robot state if it was new in this tick.
     pub fn add(&mut self, out: &control::Output, robot: Option<&RobotState>) {
-        if let Some(transition) = out.transition
-            && self.transitions.len() < TRANSITIONS_MAX
-        {
-            self.transitions.push(transition);
-        }
-        if out.transition.is_some_and(|transition| transition.to == Mode::Engaging as u32) {
-            self.before_engaging.get_or_insert(out.status.fault_counts);
-        }
         if let Some(transition) = out.transition {
+            if self.transitions.len() < TRANSITIONS_MAX {
+                self.transitions.push(transition);
+            }
+            if transition.to == Mode::Engaging as u32 {
+                self.before_engaging.get_or_insert(out.status.fault_counts);
+            }
             self.meant = is_meant(self.meant, &transition);
         }
         if self.meant {

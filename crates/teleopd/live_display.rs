@@ -5,8 +5,7 @@ use crate::process::bus_failure;
 use bus::{Domain, Reader};
 use instance::Instance;
 use messages::{Mode, RobotState, Service, Skeleton, Status};
-use rt::Failure;
-use rt::out;
+use rt::{Failure, out};
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
@@ -54,10 +53,7 @@ impl LiveDisplay {
         self.skeleton = self.skeletons.latest().or(self.skeleton);
         self.state = self.states.latest().or(self.state);
         let (false, Some(status)) = (self.quiet, status) else { return };
-        let rate_hz = match self.last {
-            Some((at, ticks)) => (status.ticks - ticks) as f64 / at.elapsed().as_secs_f64(),
-            None => 0.0,
-        };
+        let rate_hz = self.last.map_or(0.0, |(at, ticks)| (status.ticks - ticks) as f64 / at.elapsed().as_secs_f64());
         // A rate over less than a second is noisy. Without a terminal, one line a second is enough.
         let second = self.last.is_none_or(|(at, _)| at.elapsed() >= Duration::from_secs(1));
         if !self.terminal && !second {

@@ -3,8 +3,7 @@
 use crate::timeline::Timeline;
 use instance::Instance;
 use messages::{FAULTS, Fault, FaultRow, Response, TICK_HZ};
-use rt::out;
-use rt::{Exit, Failure};
+use rt::{Exit, Failure, out};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -120,21 +119,18 @@ impl Report {
     /// Returns the violations. Empty if no limit was broken.
     pub fn violations(&self) -> Vec<String> {
         let mut all = Vec::new();
+        let mut add = |count: &Value, what: String| match count.as_u64() {
+            Some(0) => {}
+            Some(count) => all.push(format!("{count} {what}")),
+            None => all.push(format!("{what} were not counted")),
+        };
         for kind in VIOLATIONS {
-            match self.value["violations"][kind].as_u64() {
-                Some(0) => {}
-                Some(count) => all.push(format!("{count} {kind} violations")),
-                None => all.push(format!("{kind} violations were not counted")),
-            }
+            add(&self.value["violations"][kind], format!("{kind} violations"));
         }
         // A simulator of the user's own judges its robot by itself.
         let judged = self.value["robot"].as_object().is_some();
         for kind in TRUE_VIOLATIONS.map(plant::ViolationKind::name).into_iter().filter(|_| judged) {
-            match self.value["robot"]["violations"][kind].as_u64() {
-                Some(0) => {}
-                Some(count) => all.push(format!("{count} {kind} violations of the joints' true motion")),
-                None => all.push(format!("{kind} violations of the joints' true motion were not counted")),
-            }
+            add(&self.value["robot"]["violations"][kind], format!("{kind} violations of the joints' true motion"));
         }
         all
     }
@@ -234,26 +230,15 @@ impl Report {
              measured;"
         );
         out!(" throughout: holds count too; p95: 95 of 100 ticks lie below)");
-        let tracking = &v["tracking_error_rad"];
-        out!(
-            "\n{:<34} {:>10.4} rms {:>10.4} max",
-            "tracking error, rad",
-            number(&tracking["rms"]),
-            number(&tracking["max"])
-        );
+        let [rms, max] = ["rms", "max"].map(|key| number(&v["tracking_error_rad"][key]));
+        out!("\n{:<34} {rms:>10.4} rms {max:>10.4} max", "tracking error, rad");
         out!("{:<34} {:>10.1e} rad", "largest step at engage", number(&v["engage"]["max_step_rad"]));
         let ratio = number(&v["engage"]["first_second_velocity_ratio"]);
         out!("{:<34} {:>10.2} % of the limit", "velocity in the first second", ratio * 100.0);
-        out!(
-            "{:<34} {:>10.1} mm between two parts of the robot, or one and an obstacle",
-            "smallest clearance",
-            number(&v["min_clearance_mm"])
-        );
-        out!(
-            "{:<34} {:>10.2} of the effort limit, from the commanded motion and the links' dynamics",
-            "largest torque",
-            number(&v["torque_share_max"])
-        );
+        let [clearance, torque] = ["smallest clearance", "largest torque"];
+        let (clearance_mm, share) = (number(&v["min_clearance_mm"]), number(&v["torque_share_max"]));
+        out!("{clearance:<34} {clearance_mm:>10.1} mm between two parts of the robot, or one and an obstacle");
+        out!("{torque:<34} {share:>10.2} of the effort limit, from the commanded motion and the links' dynamics");
         let counts = VIOLATIONS.map(|kind| format!("{kind} {}", v["violations"][kind]));
         out!("{:<16} {}", "violations", counts.join(", "));
         let (before, since) = faults(&v["faults"], &v["faults_before_engaging"]);

@@ -36,13 +36,9 @@ impl Timeline {
     }
 
     pub fn ticks_within(&self, first: u64, last: u64) -> u64 {
-        self.runs
-            .iter()
-            .map(|&(start, length)| {
-                let (low, high) = (start.max(first), (start + length - 1).min(last));
-                if high >= low { high - low + 1 } else { 0 }
-            })
-            .sum()
+        let end = last.saturating_add(1);
+        let within = |&(start, length): &(u64, u64)| (start + length).min(end).saturating_sub(start.max(first));
+        self.runs.iter().map(within).sum()
     }
 
     /// The longest pause between two ticks from tick `first` on: its first missing tick, and their number.

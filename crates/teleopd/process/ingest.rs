@@ -235,11 +235,8 @@ impl IngestLoop {
     }
 
     fn receive_packet(&mut self, process: &mut Process, from: FrameSource, frame: &RawSkeleton) -> LeaseState {
-        if self.process_frame(process, rt::now(), identity(from), frame) {
-            LeaseState::Holder
-        } else {
-            LeaseState::NotHolder
-        }
+        let holds = self.process_frame(process, rt::now(), identity(from), frame);
+        if holds { LeaseState::Holder } else { LeaseState::NotHolder }
     }
 
     /// Returns true if the frame's session holds the lease.
