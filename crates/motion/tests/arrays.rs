@@ -247,10 +247,7 @@ fn mirrored_motion_is_refused_without_mirror_option() {
     let path = folder.path().join("mirrored.npy");
     write_npy(&path, &[motion.frames.len(), 22, 3], &values, Kind::F32);
     let error = message(&path);
-    assert!(
-        error.contains("the body is mirrored") && error.contains("--mirror") && error.contains("mirrored.npy"),
-        "{error}"
-    );
+    assert!(["the body is mirrored", "--mirror", "mirrored.npy"].iter().all(|part| error.contains(part)), "{error}");
     let mirror = LoadOptions { mirror: true, ..LoadOptions::default() };
     let read = load_with(&path, &mirror).unwrap_or_else(|error| panic!("{error}"));
     assert!(largest_angle(&motion, &read) < 0.05);
@@ -409,11 +406,9 @@ fn humanml3d_sample_gives_same_limbs_in_both_formats() {
     assert!(worst < 2.0, "limbs differ by {worst} degrees");
     println!("limbs of the two formats differ by at most {worst:.4} degrees over {} frames", joints.frames.len());
     // Normalised with the sample's own statistics, which are found beside the file.
-    let statistics =
-        |name: &str| npy::read_npy(std::fs::File::open(folder.join(name)).expect("opened")).expect("read").values;
-    let (mean, std) = (statistics("Mean.npy"), statistics("Std.npy"));
-    let raw =
-        npy::read_npy(std::fs::File::open(folder.join("012314_new_joint_vecs.npy")).expect("opened")).expect("read");
+    let array = |name: &str| npy::read_npy(std::fs::File::open(folder.join(name)).expect("opened")).expect("read");
+    let (mean, std) = (array("Mean.npy").values, array("Std.npy").values);
+    let raw = array("012314_new_joint_vecs.npy");
     let normalised: Vec<f64> = raw.values.iter().enumerate().map(|(i, x)| (x - mean[i % 263]) / std[i % 263]).collect();
     let here = tempfile::tempdir().expect("a folder");
     write_npy(&here.path().join("n.npy"), &raw.shape, &normalised, Kind::F64);

@@ -1,6 +1,6 @@
 //! Tests that the built-in motion, loops and upsampling are human, smooth and slow enough.
 
-use messages::{HingeCalibration, Layout, Stamp, skeleton_flag};
+use messages::{HingeCalibration, Layout, Skeleton, Stamp, skeleton_flag};
 use motion::{
     CalibrationMode, Frame, Motion, builtin, builtin_named, calibrate, limbs, loop_blend, raw_frame, upsample,
 };
@@ -11,19 +11,20 @@ fn rotation(q: [f32; 4]) -> UnitQuaternion<f64> {
     UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
 }
 
-fn accepted(motion: &Motion, frames: usize) -> u64 {
+/// Shows these frames, in a loop. `see` gets each person. Returns the number of accepted frames.
+fn accepted(motion: &Motion, frames: usize, mut see: impl FnMut(usize, &Skeleton)) -> u64 {
     let calibration = calibrate(motion, CalibrationMode::First10s);
     let mut state = skeleton::State::default();
     for i in 0..frames {
         let mut raw = raw_frame(motion, i, &calibration);
         raw.header.sequence = i as u64 + 1;
         raw.header.origin = Stamp(1 + (i as f64 * 1e9 / motion.frame_rate_hz) as u64);
-        let now = raw.header.origin;
-        let out =
-            skeleton::tick(&skeleton::Config::default(), &mut state, now, skeleton::Input { raw: &raw, stored: None });
+        let input = skeleton::Input { raw: &raw, stored: None };
+        let out = skeleton::tick(&skeleton::Config::default(), &mut state, raw.header.origin, input);
         if let Some(skeleton) = out.skeleton {
             let limbs = skeleton_flag::ALL | skeleton_flag::CALIBRATED;
             assert_eq!(skeleton.flags & limbs, limbs);
+            see(i, &skeleton);
         }
     }
     state.accepted()
@@ -42,7 +43,7 @@ fn builtin_motion_is_accepted_and_within_speed_of_robot() {
     let motion = builtin();
     assert!((20.0..=25.0).contains(&motion.duration_s()), "{} s", motion.duration_s());
     // Played twice: the seam is as plausible as the rest.
-    assert_eq!(accepted(&motion, 2 * motion.frames.len()), 2 * motion.frames.len() as u64);
+    assert_eq!(accepted(&motion, 2 * motion.frames.len(), |_, _| ()), 2 * motion.frames.len() as u64);
     let fastest = fastest(&motion);
     assert!(fastest < 3.0, "a limb turns with {fastest:.2} rad/s");
     assert!(fastest > 1.0, "the demo sleeps: {fastest:.2} rad/s");
@@ -51,27 +52,19 @@ fn builtin_motion_is_accepted_and_within_speed_of_robot() {
 #[test]
 fn motion_that_picks_up_a_box_shows_hands_and_head_before_it_reaches() {
     let motion = builtin_named("pick-and-place").expect("built in");
-    assert_eq!(accepted(&motion, 2 * motion.frames.len()), 2 * motion.frames.len() as u64);
+    assert_eq!(accepted(&motion, 2 * motion.frames.len(), |_, _| ()), 2 * motion.frames.len() as u64);
     let fastest = fastest(&motion);
     assert!((1.0..3.0).contains(&fastest), "a limb turns with {fastest:.2} rad/s");
-    let calibration = calibrate(&motion, CalibrationMode::First10s);
-    let mut state = skeleton::State::default();
     let known = skeleton_flag::HAND[0] | skeleton_flag::HAND[1] | skeleton_flag::HEAD;
     let (mut first, mut tilt, mut hands_m) = (None, 0.0_f64, f32::INFINITY);
-    for i in 0..motion.frames.len() {
-        let mut raw = raw_frame(&motion, i, &calibration);
-        raw.header.sequence = i as u64 + 1;
-        raw.header.origin = Stamp(1 + (i as f64 * 1e9 / motion.frame_rate_hz) as u64);
-        let input = skeleton::Input { raw: &raw, stored: None };
-        let out = skeleton::tick(&skeleton::Config::default(), &mut state, raw.header.origin, input);
-        let Some(person) = out.skeleton else { continue };
+    accepted(&motion, motion.frames.len(), |i, person| {
         if person.flags & known == known {
             first.get_or_insert(i);
             let ahead = rotation(person.head) * Vector3::x();
             tilt = tilt.max((-ahead.z).asin());
         }
         hands_m = hands_m.min((Vector3::from(person.positions[20]) - Vector3::from(person.positions[21])).norm());
-    }
+    });
     // The arms move from 1 s on. The box is reached for at 12 s.
     assert!(first.is_some_and(|frame| frame < 10 * 60), "hands and head from frame {first:?} on");
     assert!(tilt > 0.3, "the person looks down by {tilt} rad");
@@ -128,7 +121,7 @@ fn looped_motion_has_no_jump_at_seam() {
     assert_eq!(looped.frames.len(), 570);
     // Two poses are at most pi apart. A minimum-jerk blend peaks at 1.875 times the mean speed: 11.8 rad/s.
     assert!(fastest(&looped) < 11.8, "{:.2} rad/s at the seam", fastest(&looped));
-    assert_eq!(accepted(&looped, 2 * 570), 2 * 570);
+    assert_eq!(accepted(&looped, 2 * 570, |_, _| ()), 2 * 570);
 }
 
 #[test]

@@ -11,6 +11,12 @@ fn short() -> Motion {
     motion
 }
 
+/// Returns the motion with the positions of every frame changed.
+fn reshaped(mut motion: Motion, change: impl Fn([[f32; 3]; 22]) -> [[f32; 3]; 22]) -> Motion {
+    motion.frames.iter_mut().chain(motion.first.as_mut()).for_each(|frame| frame.positions = change(frame.positions));
+    motion
+}
+
 fn largest_difference(a: &Motion, b: &Motion) -> (f32, f32) {
     assert_eq!(a.frames.len(), b.frames.len());
     let (mut position, mut rotation) = (0.0f32, 0.0f32);
@@ -65,19 +71,13 @@ fn root_relative_to_its_offset_stands_on_floor() {
 fn bvh_unit_is_guessed_and_unknown_unit_is_scaled() {
     let motion = short();
     for (factor, unit) in [(0.01, "m"), (10.0, "mm"), (1.0 / 2.54, "inch"), (1.0 / 5.6444, "CMU unit")] {
-        let mut scaled = motion.clone();
-        for frame in scaled.frames.iter_mut().chain(scaled.first.as_mut()) {
-            frame.positions = frame.positions.map(|p| p.map(|c| c * factor as f32));
-        }
+        let scaled = reshaped(motion.clone(), |joints| joints.map(|p| p.map(|c| c * factor as f32)));
         let read = parse_bvh("unit", write_bvh(&scaled).as_bytes()).expect(unit);
         assert_eq!(read.guesses.unit, unit);
         // The writer's six decimals in a file in metres are 1 um. A chain of bones sums a few of them.
         assert!(largest_difference(&motion, &read).0 < 3e-5, "{unit}");
     }
-    let mut dwarf = motion.clone();
-    for frame in dwarf.frames.iter_mut().chain(dwarf.first.as_mut()) {
-        frame.positions = frame.positions.map(|p| p.map(|c| c * 0.1));
-    }
+    let dwarf = reshaped(motion, |joints| joints.map(|p| p.map(|c| c * 0.1)));
     let read = parse_bvh("dwarf", write_bvh(&dwarf).as_bytes()).expect("a dwarf");
     assert_eq!((read.guesses.unit, read.guesses.stature_m), ("scaled to 1.75 m", 1.75));
     assert_eq!(read.guesses.warnings.len(), 1);
@@ -130,21 +130,18 @@ fn first_frame_that_is_motion_is_kept() {
 
 #[test]
 fn mirrored_body_or_swapped_names_are_refused() {
-    let mut mirrored = short();
-    for frame in mirrored.frames.iter_mut().chain(mirrored.first.as_mut()) {
-        frame.positions = frame.positions.map(|[x, y, z]| [x, -y, z]);
-    }
+    let mirrored = reshaped(short(), |joints| joints.map(|[x, y, z]| [x, -y, z]));
     let error = parse_bvh("mirror", write_bvh(&mirrored).as_bytes()).expect_err("a mirror image");
     assert!(matches!(error, BvhError::Mirror(MirrorError::Mirrored { .. })), "{error}");
     let swapped = write_bvh(&short()).replace("Left", "L#").replace("Right", "Left").replace("L#", "Right");
     let error = parse_bvh("swapped", swapped.as_bytes()).expect_err("swapped sides");
     assert!(matches!(error, BvhError::Mirror(MirrorError::Mirrored { .. })), "{error}");
     // Hips across whose breadth a camera looks prove nothing.
-    let mut noisy = short();
-    for frame in noisy.frames.iter_mut().chain(noisy.first.as_mut()) {
-        let [x, y, z] = frame.positions[0];
-        [frame.positions[1], frame.positions[2]] = [0.1, -0.1].map(|far| [x + far, y - 0.1 * far, z - 0.05]);
-    }
+    let noisy = reshaped(short(), |mut joints| {
+        let [x, y, z] = joints[0];
+        [joints[1], joints[2]] = [0.1, -0.1].map(|far| [x + far, y - 0.1 * far, z - 0.05]);
+        joints
+    });
     parse_bvh("noisy", write_bvh(&noisy).as_bytes()).expect("a person");
 }
 
@@ -226,10 +223,7 @@ fn f104_damaged_bvh_error_names_cause() {
 
 #[test]
 fn rig_without_size_is_refused() {
-    let mut flat = short();
-    for frame in flat.frames.iter_mut().chain(flat.first.as_mut()) {
-        frame.positions = [[0.0; 3]; 22];
-    }
+    let flat = reshaped(short(), |_| [[0.0; 3]; 22]);
     let error = parse_bvh("flat", write_bvh(&flat).as_bytes()).expect_err("no size");
     assert!(matches!(error, BvhError::NoSize { .. }), "{error}");
 }

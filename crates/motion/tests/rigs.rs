@@ -209,11 +209,8 @@ impl Clip {
         let mut text = String::from("HIERARCHY\n");
         let mut lines = vec![String::new(); self.frames];
         if self.above {
-            let _ = write!(
-                text,
-                "ROOT {}\n{{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n",
-                self.named("Origin")
-            );
+            let name = self.named("Origin");
+            let _ = write!(text, "ROOT {name}\n{{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n");
             lines.iter_mut().for_each(|line| line.push_str("0 0 0 "));
         }
         self.joint(&joints, 0, 0, &mut text, &mut lines);
@@ -288,11 +285,9 @@ impl Clip {
         let angle = |motion: &Motion, n: usize, expected: &[reader::Pose]| {
             let (places, turns) = (motion.frames[n].positions, motion.frames[n].rotations);
             let line = |[a, b]: [usize; 2]| {
-                let own = std::array::from_fn(|i| {
-                    f64::from(places[JOINTS[b] as usize][i]) - f64::from(places[JOINTS[a] as usize][i])
-                });
-                let [from, to] = [a, b].map(|joint| expected[sought[joint]].place);
-                between(own, apply(&canonical, std::array::from_fn(|i| to[i] - from[i])))
+                let along = |[from, to]: [[f64; 3]; 2]| std::array::from_fn(|i| to[i] - from[i]);
+                let own = [a, b].map(|joint| places[JOINTS[joint] as usize].map(f64::from));
+                between(along(own), apply(&canonical, along([a, b].map(|joint| expected[sought[joint]].place))))
             };
             let turn = |joint: usize| {
                 apart(&rows(turns[JOINTS[joint] as usize]), &times(&canonical, &expected[sought[joint]].turn))
@@ -334,11 +329,8 @@ fn check(clips: impl Iterator<Item = (String, Clip, String)>) -> usize {
             Ok(angle) => worst = worst.max(angle),
         }
     }
-    println!(
-        "{} of {count} refused, {} with another angle, the others within {worst:.6} degrees",
-        refused.len(),
-        wrong.len()
-    );
+    let (refusals, turned) = (refused.len(), wrong.len());
+    println!("{refusals} of {count} refused, {turned} with another angle, the others within {worst:.6} degrees");
     assert!(refused.is_empty() && wrong.is_empty(), "refused:\n{}\nwrong:\n{}", refused.join("\n"), wrong.join("\n"));
     count
 }
