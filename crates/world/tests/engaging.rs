@@ -97,13 +97,13 @@ fn f065_engaging_begins_without_jump_from_any_clear_posture() {
     assert!(travelled > 0.5 * f64::from(POSTURES), "the robots hardly moved: {travelled} rad");
 }
 
-/// Runs until the robot is Engaged. Returns the number of ticks, which is below `within`.
-fn until_engaged(bench: &mut Bench, within: u64, context: &str) -> u64 {
+/// Runs until the robot's mode is `wanted`. Returns the number of ticks, which is below `within`.
+fn until(bench: &mut Bench, wanted: impl Fn(Mode) -> bool, within: u64, context: &str) -> u64 {
     let mut ticks = 0;
-    while bench.mode() != Mode::Engaged {
+    while !wanted(bench.mode()) {
         bench.step();
         ticks += 1;
-        assert!(ticks < within, "{context}: {:?}", bench.mode());
+        assert!(ticks < within, "{context}: {:?} {:?}", bench.mode(), Faults(bench.status.faults));
     }
     ticks
 }
@@ -140,7 +140,7 @@ fn hands_and_head_begin_slowly_once_the_arms_are_aligned() {
     (bench.target, bench.person) = (Some(there), person(model, &model.home, bent));
     bench.settle();
     bench.press_enable();
-    until_engaged(&mut bench, 2 * TICK_HZ, "aligned arms engage after a second");
+    until(&mut bench, |mode| mode == Mode::Engaged, 2 * TICK_HZ, "aligned arms engage after a second");
     let pointing: Vec<usize> =
         model.wrists.iter().flat_map(|wrist| wrist.joints).chain(head.joints).flatten().collect();
     for n in 0..TICK_HZ {
@@ -153,12 +153,8 @@ fn hands_and_head_begin_slowly_once_the_arms_are_aligned() {
     }
     bench.steps(3 * TICK_HZ);
     for j in pointing {
-        assert!(
-            (bench.commanded().q[j] - there[j]).abs() < 0.02,
-            "joint {j}: {} of {}",
-            bench.commanded().q[j],
-            there[j]
-        );
+        let at = bench.commanded().q[j];
+        assert!((at - there[j]).abs() < 0.02, "joint {j}: {at} of {}", there[j]);
     }
     bench.assert_no_violations("slowly");
 }
@@ -175,28 +171,18 @@ fn robot_resumes_fast_after_short_gap_and_slowly_after_long_gap() {
         bench.target = Some(near);
         bench.settle();
         bench.press_enable();
-        let mut ticks = until_engaged(&mut bench, 5 * TICK_HZ, &context);
+        let mut ticks = until(&mut bench, |mode| mode == Mode::Engaged, 5 * TICK_HZ, &context);
         // At full motion the person is lost for a moment and comes back far away.
         let far = target(&loaded.model, &mut rng, n % 2 == 0);
         bench.target = Some(far);
         bench.steps(rng.random_range(50..400));
         bench.target = None;
-        while bench.mode() != Mode::Holding {
-            bench.step();
-            ticks += 1;
-            assert!(ticks < 6 * TICK_HZ, "{context}: {:?}", bench.mode());
-        }
+        ticks += until(&mut bench, |mode| mode == Mode::Holding, 6 * TICK_HZ - ticks, &context);
         let long = n % 3 == 0;
-        for _ in 0..if long { 5 * TICK_HZ / 2 } else { 0 } {
-            bench.step();
-            ticks += 1;
-        }
+        let pause = if long { 5 * TICK_HZ / 2 } else { 0 };
+        bench.steps(pause);
         bench.target = Some(target(&loaded.model, &mut rng, false));
-        while bench.mode() == Mode::Holding {
-            bench.step();
-            ticks += 1;
-            assert!(ticks < 9 * TICK_HZ, "{context}: {:?}", Faults(bench.status.faults));
-        }
+        until(&mut bench, |mode| mode != Mode::Holding, 9 * TICK_HZ - ticks - pause, &context);
         let again = bench.target.expect("is set");
         if long {
             assert!(bench.status.speed_scale <= SLOW);

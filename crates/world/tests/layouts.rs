@@ -2,9 +2,9 @@
 
 use crate::before_camera::frame;
 use crate::support::{self, input_config, write_settings};
-use config::{Loaded, Overrides, load};
+use config::{Loaded, Overrides, Settings, load};
 use ingest::Filter;
-use messages::{RawSkeleton, Smpl, Stamp};
+use messages::{RawSkeleton, Skeleton, Smpl, Stamp};
 use skeleton::DropReason;
 use std::path::{Path, PathBuf};
 
@@ -59,54 +59,51 @@ fn f097_missing_wrong_or_duplicate_layout_is_refused_by_name() {
     assert!(refusal.contains("determinant -1"), "{refusal}");
 }
 
-#[test]
-fn f017_outliers_are_counted_only_where_settings_enable_filter() {
+/// Shows the first frames of the built-in motion at 60 Hz, each after `change`. Returns the stage and the last person.
+fn play(
+    edit: impl FnOnce(&mut Settings),
+    frames: u64,
+    change: impl Fn(u64, &mut RawSkeleton),
+) -> (ingest::State, Option<Skeleton>) {
     let motion = motion::builtin();
     let calibration = motion::calibrate(&motion, motion::CalibrationMode::First10s);
-    let play = |filter: Filter, outliers_mad: f64| {
-        let mut loaded = support::loaded();
-        (loaded.settings.ingest.filter, loaded.settings.ingest.filter_outliers_mad) = (filter, outliers_mad);
-        let config = input_config(&loaded);
-        let mut state = ingest::State::default();
-        for i in 0..60_u64 {
-            let mut raw = motion::raw_frame(&motion, i as usize, &calibration);
-            (raw.session_nonce, raw.header.sequence) = (7, i + 1);
-            raw.header.origin = Stamp(1_000_000_000 + 16_666_667 * i);
-            raw.positions[Smpl::LeftWrist as usize][0] += if i == 40 { 0.08 } else { 0.0 };
-            ingest::tick(&config, &mut state, raw.header.origin.plus_ns(1_000_000), &raw);
-        }
+    let mut loaded = support::loaded();
+    edit(&mut loaded.settings);
+    let config = input_config(&loaded);
+    let (mut state, mut last) = (ingest::State::default(), None);
+    for i in 0..frames {
+        let mut raw = motion::raw_frame(&motion, i as usize, &calibration);
+        (raw.session_nonce, raw.header.sequence) = (7, i + 1);
+        raw.header.origin = Stamp(1_000_000_000 + 16_666_667 * i);
+        change(i, &mut raw);
+        last = ingest::tick(&config, &mut state, raw.header.origin.plus_ns(1_000_000), &raw).skeleton;
+    }
+    (state, last)
+}
+
+#[test]
+fn f017_outliers_are_counted_only_where_settings_enable_filter() {
+    let found = |filter: Filter, outliers_mad: f64| {
+        let (state, _) = play(
+            |Settings { ingest, .. }| (ingest.filter, ingest.filter_outliers_mad) = (filter, outliers_mad),
+            60,
+            |i, raw| raw.positions[Smpl::LeftWrist as usize][0] += if i == 40 { 0.08 } else { 0.0 },
+        );
         (state.outliers(), state.skeleton.dropped(DropReason::LengthStep))
     };
-    let (outliers, dropped) = play(Filter::All, 3.0);
-    assert_eq!((outliers, dropped), (1, 0));
-    assert_eq!(play(Filter::All, 0.0).0, 0);
-    let (outliers, dropped) = play(Filter::Cameras, 3.0);
+    assert_eq!(found(Filter::All, 3.0), (1, 0));
+    assert_eq!(found(Filter::All, 0.0).0, 0);
+    let (outliers, dropped) = found(Filter::Cameras, 3.0);
     assert!(outliers == 0 && dropped > 0, "what is measured is passed on as it is: {outliers}, {dropped}");
 }
 
 #[test]
 fn mirrored_person_waves_with_other_hand() {
-    let motion = motion::builtin();
-    let calibration = motion::calibrate(&motion, motion::CalibrationMode::First10s);
-    let waving = |mirror: bool| {
-        let mut loaded = support::loaded();
-        loaded.settings.ingest.mirror = mirror;
-        let config = input_config(&loaded);
-        let mut state = ingest::State::default();
-        let mut last = None;
-        // The right hand waves from 5 s on.
-        for i in 0..330_u64 {
-            let mut raw = motion::raw_frame(&motion, i as usize, &calibration);
-            (raw.session_nonce, raw.header.sequence) = (7, i + 1);
-            raw.header.origin = Stamp(1_000_000_000 + 16_666_667 * i);
-            last = ingest::tick(&config, &mut state, raw.header.origin.plus_ns(1_000_000), &raw).skeleton;
-        }
-        last.expect("a person")
-    };
+    // The right hand waves from 5 s on.
+    let waving = |mirror: bool| play(|settings| settings.ingest.mirror = mirror, 330, |_, _| ()).1.expect("a person");
     let (person, image) = (waving(false), waving(true));
-    let heights = |person: &messages::Skeleton| {
-        [Smpl::LeftWrist, Smpl::RightWrist].map(|wrist| person.positions[wrist as usize][2])
-    };
+    let heights =
+        |person: &Skeleton| [Smpl::LeftWrist, Smpl::RightWrist].map(|wrist| person.positions[wrist as usize][2]);
     let [left, right] = heights(&person);
     assert!(right > left + 0.3, "the right hand waves: {left} m, {right} m");
     assert_eq!(heights(&image), [right, left]);

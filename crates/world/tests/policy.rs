@@ -47,14 +47,17 @@ impl Scene {
         self.world.publish_chunk(&self.config, &chunk)
     }
 
+    /// Runs the tick `k`, with a new chunk in each one of `every`.
+    fn step_waving(&mut self, k: u64, every: u64, amplitude: f64) {
+        if k.is_multiple_of(every) {
+            self.wave(amplitude).expect("a valid chunk");
+        }
+        self.step();
+    }
+
     /// Runs `seconds`, with a new chunk ten times a second.
     fn run(&mut self, seconds: f64, amplitude: f64) {
-        for k in 0..(seconds * TICK_HZ as f64) as u64 {
-            if k % (TICK_HZ / 10) == 0 {
-                self.wave(amplitude).expect("a valid chunk");
-            }
-            self.step();
-        }
+        (0..(seconds * TICK_HZ as f64) as u64).for_each(|k| self.step_waving(k, TICK_HZ / 10, amplitude));
     }
 
     fn engage(&mut self, amplitude: f64) {
@@ -95,10 +98,7 @@ fn f142_policy_beside_a_person_comes_out_within_half_a_degree_and_20_ms() {
     let model = scene.model().clone();
     let (mut worst, mut sources) = (0.0_f64, u32::MAX);
     for k in 0..4 * TICK_HZ {
-        if k % (TICK_HZ / 10) == 0 {
-            scene.wave(0.1).expect("a valid chunk");
-        }
-        scene.step();
+        scene.step_waving(k, TICK_HZ / 10, 0.1);
         sources &= scene.status.sources;
         let at = scene.world.ticks() as f64 * TICK_S;
         let distance = |delay_s: f64| {
@@ -150,10 +150,7 @@ fn f143_takeover_at_random_moments_makes_no_step_of_velocity() {
         scene.hand.takes_over = [random.random(), random.random()];
         let ticks = random.random_range(20..400);
         for k in 0..ticks {
-            if k % 100 == 0 {
-                scene.wave(0.3).expect("a valid chunk");
-            }
-            scene.step();
+            scene.step_waving(k, 100, 0.3);
             assert_eq!(scene.mode, Mode::Engaged, "{:?}", Faults(scene.status.faults));
             for (side, led) in led.iter_mut().enumerate() {
                 let person = scene.status.sources & source_flag::PERSON[side] != 0;
@@ -217,11 +214,8 @@ fn f143_held_arm_stays_through_takeover_until_policy_has_seen_it() {
         assert_eq!(scene.status.sources, 0, "nobody leads");
     }
     hold(&mut scene, other, 3 * TICK_HZ);
-    assert!(
-        (scene.command.q[elbow] - other[elbow]).abs() < 1e-3,
-        "a chunk that was made since leads: {:?}",
-        scene.mode
-    );
+    let off = (scene.command.q[elbow] - other[elbow]).abs();
+    assert!(off < 1e-3, "a chunk that was made since leads: {off} rad off, {:?}", scene.mode);
 }
 
 #[test]
@@ -276,10 +270,7 @@ fn f144_person_who_vanishes_or_changes_during_takeover_stops_the_robot() {
     scene.player = player(&motion::builtin(), 1.0, 2);
     let mut stopped = false;
     for k in 0..6 * TICK_HZ {
-        if k % 100 == 0 {
-            scene.wave(0.1).expect("a valid chunk");
-        }
-        scene.step();
+        scene.step_waving(k, 100, 0.1);
         stopped |= scene.mode == Mode::Holding;
         let moves = matches!(scene.mode, Mode::Engaging | Mode::Engaged);
         assert!(!stopped || !moves, "{:?} behind a stranger after {k} ticks", scene.mode);
