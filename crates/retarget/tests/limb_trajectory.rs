@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 
 use messages::{JointTarget, Skeleton, Stamp, TICK_S, TRAJECTORY_NODE_TICKS, TRAJECTORY_NODES, skeleton_flag};
 use nalgebra::{UnitQuaternion, Vector3};
-use retarget::{Config, FollowingArms, Limbs, Method, Settings, mirror, rotation_from_xyzw, xyzw_from_rotation};
+use retarget::{Config, FollowingArms, Limbs, Method, Settings, mirror, rotation_from_xyzw};
 use support::{START_NS, layers, robot, weights};
 
 const RATE_HZ: f64 = 60.0;
@@ -22,14 +22,7 @@ pub(crate) type Person = fn(f64) -> [Limbs; 2];
 
 /// A skeleton of both arms, each as a left one, captured and received at `at_ns`.
 pub(crate) fn skeleton(sequence: u64, at_ns: u64, person: &[Limbs; 2]) -> Skeleton {
-    let mut out = support::skeleton(sequence, at_ns, at_ns, &[[0.0; 5]; 2]);
-    for (arm, limbs) in person.iter().enumerate() {
-        for (i, rotation) in [limbs.upper, limbs.fore].iter().enumerate() {
-            let left = xyzw_from_rotation(rotation);
-            out.limbs[2 * arm + i] = if arm == 0 { left } else { mirror(left) }.map(|x| x as f32);
-        }
-    }
-    out
+    support::skeleton_of_limbs(sequence, at_ns, at_ns, person)
 }
 
 fn source(person: Person, seconds: f64) -> Vec<Skeleton> {
@@ -116,11 +109,8 @@ fn seen_nodes_match_slerp_between_skeletons() {
             let t_s = shown_s(*now, target, i);
             // Within a microsecond of the newest skeleton a node may count as either.
             if (t_s - newest_s).abs() > 1e-6 {
-                assert_eq!(
-                    i < target.trajectory_measured as usize,
-                    t_s < newest_s,
-                    "node {i} at {t_s} s of {newest_s} s"
-                );
+                let is_measured = i < target.trajectory_measured as usize;
+                assert_eq!(is_measured, t_s < newest_s, "node {i} at {t_s} s of {newest_s} s");
             }
             if t_s < newest_s {
                 let frame = (t_s * RATE_HZ).floor();
@@ -194,14 +184,9 @@ fn nodes_after_restart_fade_like_target() {
     // Another writer, elsewhere, after a second: 0.25 s of crossfade.
     let mut skeletons = source(swings, 2.0);
     for (i, seen) in skeletons.iter_mut().enumerate().filter(|(i, _)| *i as f64 >= RATE_HZ) {
-        *seen = skeleton(
-            i as u64 - 50,
-            seen.received.0,
-            &stands(0.0).map(|limbs| Limbs {
-                upper: turn(Vector3::y(), 1.2) * limbs.upper,
-                fore: turn(Vector3::y(), 1.2) * limbs.fore,
-            }),
-        );
+        let aside = turn(Vector3::y(), 1.2);
+        let elsewhere = stands(0.0).map(|limbs| Limbs { upper: aside * limbs.upper, fore: aside * limbs.fore });
+        *seen = skeleton(i as u64 - 50, seen.received.0, &elsewhere);
         seen.header.incarnation = 2;
     }
     let outputs = run(&config(DELAY_MS), &skeletons, 1.6);

@@ -146,10 +146,8 @@ fn f015_arm_lost_for_10_s_is_dropped_in_new_session() {
     assert!((1110..11_000).all(|ms| !follows(&at(ms)) && at(ms).target.session_nonce == session));
     assert_eq!(at(10_900).target.valid_mask, 0b1_1111 << 3 | 0b1_1111 << 10);
     assert_eq!(at(12_000).target.valid_mask, 0b1_1111 << 10, "the left arm is not meant any more");
-    assert!(
-        (11_600..12_900).all(|ms| follows(&at(ms)) && at(ms).target.session_nonce != session),
-        "by another session"
-    );
+    let follows_anew = |output: &Output| follows(output) && output.target.session_nonce != session;
+    assert!((11_600..12_900).all(|ms| follows_anew(&at(ms))), "by another session");
 }
 
 #[test]

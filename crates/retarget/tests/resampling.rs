@@ -246,12 +246,9 @@ fn target_carries_origin_and_sequence_of_newest_skeleton() {
 fn same_posture_of_both_arms_gives_mirrored_targets() {
     let config = config(Method::Network, 0.0);
     let q = [0.3, 0.4, 1.2, 1.0, -0.4];
-    let out = tick(
-        &config,
-        &mut State::default(),
-        Stamp(START_NS),
-        Input { k: 1, skeleton: Some(&skeleton(1, START_NS, 0, &[q, q])) },
-    );
+    let seen = skeleton(1, START_NS, 0, &[q, q]);
+    let input = Input { k: 1, skeleton: Some(&seen) };
+    let out = tick(&config, &mut State::default(), Stamp(START_NS), input);
     assert_eq!(out.target.q[3..8], out.target.q[10..15]);
     assert_eq!(out.latents[0], out.latents[1]);
     assert_eq!(retarget::mirror(out.target.human_limbs[0]), out.target.human_limbs[2]);

@@ -178,12 +178,16 @@ pub(crate) fn run_every(every: usize, config: &Config, skeletons: &[Skeleton], s
 
 /// A skeleton whose two arms have the postures `q` (both arms by the model of the left one).
 pub(crate) fn skeleton(sequence: u64, received_ns: u64, origin_ns: u64, q: &[ArmQ; 2]) -> Skeleton {
+    skeleton_of_limbs(sequence, received_ns, origin_ns, &q.map(|q| arm().forward(&q)))
+}
+
+/// A skeleton of both arms, each as a left one.
+pub(crate) fn skeleton_of_limbs(sequence: u64, received_ns: u64, origin_ns: u64, arms: &[Limbs; 2]) -> Skeleton {
     let mut out = Skeleton { received: Stamp(received_ns), flags: skeleton_flag::ALL, ..Skeleton::ZERO };
     out.header.sequence = sequence;
     out.header.incarnation = 1;
     out.header.origin = Stamp(origin_ns);
-    for (n, q) in q.iter().enumerate() {
-        let limbs = arm().forward(q);
+    for (n, limbs) in arms.iter().enumerate() {
         for (i, rotation) in [limbs.upper, limbs.fore].iter().enumerate() {
             let left = xyzw_from_rotation(rotation);
             out.limbs[2 * n + i] = if n == 0 { left } else { mirror(left) }.map(|x| x as f32);
