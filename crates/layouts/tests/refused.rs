@@ -6,35 +6,36 @@ use layouts::Layouts;
 use messages::{RAW_JOINTS_MAX, RawSkeleton, SkeletonLayout, raw_flag, skeleton_flag};
 use skeleton::DropReason;
 
+/// Reason to refuse this frame after a change.
+fn refused(good: &RawSkeleton, change: impl Fn(&mut RawSkeleton)) -> DropReason {
+    let mut raw = *good;
+    change(&mut raw);
+    accept(&Layouts::default(), &raw).expect_err("refused")
+}
+
 #[test]
 fn frame_with_wrong_layout_count_or_flags_is_refused() {
-    let layouts = Layouts::default();
     for client in clients() {
         let good = client.send(&bent(), Turn::identity());
-        accept(&layouts, &good).expect("a person");
-        let with = |change: &dyn Fn(&mut RawSkeleton)| {
-            let mut raw = good;
-            change(&mut raw);
-            accept(&layouts, &raw).expect_err("refused")
-        };
+        accept(&Layouts::default(), &good).expect("a person");
         for number in [0, 9, 999, 1000, u32::MAX] {
-            assert_eq!(with(&|raw| raw.layout = number), DropReason::Layout);
+            assert_eq!(refused(&good, |raw| raw.layout = number), DropReason::Layout);
         }
         for count in [0, good.joint_count - 1, good.joint_count + 1, RAW_JOINTS_MAX as u32 + 1, u32::MAX] {
-            assert_eq!(with(&|raw| raw.joint_count = count), DropReason::Count, "{count}");
+            assert_eq!(refused(&good, |raw| raw.joint_count = count), DropReason::Count, "{count}");
         }
         for flags in [16, 1 << 12, raw_flag::LOCAL, raw_flag::LOCAL | 16] {
-            assert_eq!(with(&|raw| raw.flags = flags), DropReason::Count, "{flags}");
+            assert_eq!(refused(&good, |raw| raw.flags = flags), DropReason::Count, "{flags}");
         }
-        let mirrored = with(&|raw| raw.flags = raw_flag::MIRRORED | raw_flag::ROTATIONS);
+        let mirrored = refused(&good, |raw| raw.flags = raw_flag::MIRRORED | raw_flag::ROTATIONS);
         let has_rotations = client.number != SkeletonLayout::MediaPipe33 as u32;
         assert_eq!(mirrored, if has_rotations { DropReason::Mirrored } else { DropReason::Count });
         let local = raw_flag::LOCAL | raw_flag::ROTATIONS;
         if client.number > SkeletonLayout::Smpl24 as u32 {
-            assert_eq!(with(&|raw| raw.flags = local), DropReason::Count);
+            assert_eq!(refused(&good, |raw| raw.flags = local), DropReason::Count);
         }
         if !has_rotations {
-            assert_eq!(with(&|raw| raw.flags = raw_flag::ROTATIONS), DropReason::Count);
+            assert_eq!(refused(&good, |raw| raw.flags = raw_flag::ROTATIONS), DropReason::Count);
         }
     }
 }
@@ -106,23 +107,17 @@ fn f001_joint_that_is_marked_as_not_seen_costs_no_other_in_every_layout() {
 
 #[test]
 fn huge_value_or_wrong_confidence_is_refused_in_every_layout() {
-    let layouts = Layouts::default();
     for client in clients() {
         let good = client.send(&bent(), Turn::identity());
-        let with = |change: &dyn Fn(&mut RawSkeleton)| {
-            let mut raw = good;
-            change(&mut raw);
-            accept(&layouts, &raw).expect_err("refused")
-        };
         for index in (0..messages::SMPL_JOINTS).filter_map(|smpl| client.index(smpl)) {
             for axis in 0..3 {
-                assert_eq!(with(&|raw| raw.positions[index][axis] = f32::MAX), DropReason::OutOfRange);
+                assert_eq!(refused(&good, |raw| raw.positions[index][axis] = f32::MAX), DropReason::OutOfRange);
             }
             for (confidence, reason) in [(f32::INFINITY, DropReason::NotFinite), (-0.1, DropReason::OutOfRange)] {
-                assert_eq!(with(&|raw| raw.confidence[index] = confidence), reason);
+                assert_eq!(refused(&good, |raw| raw.confidence[index] = confidence), reason);
             }
             if client.rotations {
-                assert_eq!(with(&|raw| raw.rotations[index][3] = f32::MAX), DropReason::NotUnit);
+                assert_eq!(refused(&good, |raw| raw.rotations[index][3] = f32::MAX), DropReason::NotUnit);
             }
         }
     }
