@@ -69,7 +69,7 @@ crate::named! {
     pub enum ChunkDrop {
         Robot = 0 => "other_robot": "it is for another robot; copy `robot` from the newest `Joints`",
         Shape = 1 => "shape": "1 to 100 rows, 5 to 1000 ms apart, of at least one joint of the robot are allowed",
-        Value = 2 => "value": "a value is not finite, or a position or velocity is beyond 10 turns; send radians and metres",
+        Value = 2 => "value": "a value is not finite, a position or velocity is beyond 10 turns, or a closure is not from 0 to 1; send radians and metres",
         Order = 3 => "order": "sequence and stamp must grow within a session; count on, or begin a new session",
         Old = 4 => "old": "its last row is over, or comes more than 10 s after its observation; send shorter chunks sooner",
         Future = 5 => "future": "its start is more than 1 s ahead, or its observation more than 2 ms; stamp with CLOCK_MONOTONIC in ns",

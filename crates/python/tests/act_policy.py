@@ -5,7 +5,7 @@ Twenty demonstrations are the motion at twenty speeds, in virtual time. ACT sees
 
     python3 act_policy.py FOLDER REPLAY [SECONDS OF TRAINING]
 
-FOLDER/chunks.json keeps what ACT sent: when, from when on, and the rows. `tools/record/tests/act_chunks.json` is the beginning of such a
+FOLDER/chunks.json keeps what ACT sent: when, from when on, and the rows, to a thousandth. `tools/record/tests/act_chunks.json` is the beginning of such a
 file, which a test of `record` plays, records and replays bit for bit.
 """
 
@@ -112,7 +112,7 @@ with Rig(folder, replay.parent, "--record", recording) as rig, client.Policy(rig
                 rows[i] += (1.0 - i / BLENDED) * (last[1][gone + i] - rows[i])
         last = (joints.header.stamp, rows)
         leader.publish(rows.tolist(), rate_hz=FPS, start_ns=joints.header.stamp)
-        sent.append({"sent_ms": time.monotonic_ns() / 1e6, "start_ms": joints.header.stamp / 1e6, "positions": rows.round(4).tolist()})
+        sent.append({"sent_ms": time.monotonic_ns() / 1e6, "start_ms": joints.header.stamp / 1e6, "positions": rows.round(3).tolist()})
         engage = engage or rig.start("teleopctl", "engage")
         modes.append(client.MODES[joints.mode])
         if leader.dropped():

@@ -1,4 +1,5 @@
-//! The few requests that a page makes: for its own files, for the user's meshes and model, and for the WebSocket.
+//! The few requests that a page makes: for its own files, for the user's meshes and model, and for the WebSocket. A viewer
+//! that is another program only opens a WebSocket.
 
 use crate::assets::ASSETS;
 use crate::meshes::{MeshFile, MeshFolder};
@@ -90,10 +91,9 @@ impl Key {
     fn admits(&self, request: &Request, protocols: &[&'static str]) -> Result<Option<&'static str>, String> {
         let header = |name: &str| request.headers().get(name).and_then(|value| value.to_str().ok());
         let host = header("origin").and_then(|origin| origin.strip_prefix(self.scheme)?.strip_prefix("://"));
-        let asked = |protocol: &&&str| {
-            header(PROTOCOL.as_str()).is_some_and(|all| all.split(',').any(|it| it.trim() == **protocol))
-        };
-        let protocol = protocols.iter().find(asked).copied();
+        let offers = request.headers().get_all(PROTOCOL).iter().filter_map(|offer| offer.to_str().ok());
+        let offers: Vec<_> = offers.flat_map(|offer| offer.split(',')).map(str::trim).collect();
+        let protocol = protocols.iter().copied().find(|protocol| offers.contains(protocol));
         if protocols.is_empty() && !host.is_some_and(|host| self.is_host(host)) {
             return Err("only this server's own page may send requests".to_owned());
         } else if !protocols.is_empty() && protocol.is_none() {

@@ -186,8 +186,7 @@ impl PageControl {
 }
 
 /// Serves a page until it closes, or until `ended`.
-pub fn serve(mut stream: PageStream, hub: &Hub, behind: &PageSource, ended: &AtomicBool) -> Result<(), Error> {
-    stream.socket().set_nodelay(true)?;
+pub fn serve(stream: PageStream, hub: &Hub, behind: &PageSource, ended: &AtomicBool) -> Result<(), Error> {
     let config = WebSocketConfig::default()
         .max_message_size(Some(REQUEST_BYTES))
         .max_frame_size(Some(REQUEST_BYTES))

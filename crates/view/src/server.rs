@@ -56,7 +56,7 @@ type Serve = Arc<dyn Fn(PageStream, &AtomicBool) + Send + Sync>;
 /// A running server. Dropping it stops it.
 pub struct Server {
     address: String,
-    /// What the pages show. A server of programs has none.
+    /// The output for pages. A server of programs has none.
     hub: Option<Arc<Hub>>,
     ended: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
@@ -276,7 +276,7 @@ fn answer(stream: TcpStream, site: &SiteConfig, serve: &Serve, is_page: &AtomicB
     // A connection that breaks off needs no handling.
     let Ok(stream) = PageStream::new(stream, site.tls.as_ref()) else { return };
     if let Ok(Some(mut stream)) = http::answer(stream, site)
-        && stream.socket().set_nonblocking(true).is_ok()
+        && stream.socket().set_nonblocking(true).and_then(|()| stream.socket().set_nodelay(true)).is_ok()
     {
         is_page.store(true, Ordering::Relaxed);
         serve(stream, ended);

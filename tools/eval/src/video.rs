@@ -68,7 +68,7 @@ pub struct Followed {
     pub delay_ms: Option<u64>,
     /// Mean turn of the shoulders to the camera, degrees.
     pub turned_deg: f64,
-    /// Violations of the simulated robot.
+    /// Violations of the simulated robot, in both runs.
     pub violations: u64,
     #[serde(skip)]
     line: Vec<(f64, f64)>,
@@ -141,14 +141,11 @@ fn refuse(config: &ingest::Config, recorded: &Recorded, out: &mut Followed) {
     (out.strangers, out.reasons) = (strangers, reasons);
 }
 
-fn follow(
-    loaded: &Loaded,
-    config: &WorldConfig,
-    recorded: &Recorded,
-    person: &Person,
-    seen: impl Fn(&Recorded, usize) -> Option<RawSkeleton>,
-    out: &mut Followed,
-) {
+/// What the robot is shown at image `i`.
+type Shown = fn(&Recorded, usize) -> Option<RawSkeleton>;
+
+fn follow(loaded: &Loaded, config: &WorldConfig, recorded: &Recorded, person: &Person, shown: Shown) -> Followed {
+    let mut out = Followed::default();
     let arm = ArmModel::from_model(&loaded.model);
     let mut world = World::new(config, SEED, Links::default());
     let (mut next, mut samples, mut engaged, mut judged) = (0, Vec::new(), 0_u64, 0_u64);
@@ -158,7 +155,7 @@ fn follow(
         while next < played(recorded)
             && stamped(RawSkeleton::ZERO, next, recorded.rate_hz).header.origin.0 + LANDMARKS_AFTER_NS <= now.0
         {
-            seen(recorded, next).iter().for_each(|raw| world.publish(raw));
+            shown(recorded, next).iter().for_each(|raw| world.publish(raw));
             next += 1;
         }
         if next > 0 && begun_k.is_none() {
@@ -204,24 +201,27 @@ fn follow(
     if let Some((ms, line)) = tried.min_by(|a, b| mean(&a.1).total_cmp(&mean(&b.1))) {
         (out.robot_deg, out.delay_ms, out.line) = (Some(mean(&line)), Some(ms), line);
     }
+    out
 }
 
 fn measured(loaded: &Loaded, config: &WorldConfig, input: &ingest::Config, recorded: &Recorded) -> Followed {
     let pairs = Pairs { clips: vec![(recorded.name.clone(), recorded.pairs())] };
     let of = |judged: &Judged| judged.mean_deg;
+    let person = person(input, recorded);
+    let by_camera = follow(loaded, config, recorded, &person, frame);
+    let by_truth = follow(loaded, config, recorded, &person, |recorded, i| Some(truth(recorded, i)));
     let mut out = Followed {
         clip: recorded.name.clone(),
         images: recorded.images(),
         landmarker_deg: of(&judge(&pairs, None)),
         lifter_deg: input.lifter.as_ref().map_or(f64::NAN, |lifter| of(&judge(&pairs, Some(lifter)))),
         turned_deg: recorded.turned_deg(),
-        ..Followed::default()
+        by_truth_deg: by_truth.robot_deg,
+        violations: by_camera.violations + by_truth.violations,
+        ..by_camera
     };
     refuse(input, recorded, &mut out);
-    let (person, mut bound) = (person(input, recorded), Followed::default());
-    follow(loaded, config, recorded, &person, frame, &mut out);
-    follow(loaded, config, recorded, &person, |recorded, i| Some(truth(recorded, i)), &mut bound);
-    Followed { by_truth_deg: bound.robot_deg, ..out }
+    out
 }
 
 fn show(f: &mut fmt::Formatter<'_>, rows: &[Followed]) -> fmt::Result {

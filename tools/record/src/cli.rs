@@ -46,7 +46,7 @@ pub struct Cli {
     #[arg(long, value_name = "FILE.mcap", conflicts_with_all = ["out", "summary", "plot"])]
     pub view: Option<PathBuf>,
     /// Serve the channels of a recording live to Foxglove and Lichtblick, at this port of 127.0.0.1 (0: any free one).
-    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8765", conflicts_with_all = ["summary", "view"])]
+    #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "8765", conflicts_with_all = ["summary", "view", "port", "plot", "meshes"])]
     pub foxglove: Option<u16>,
     /// Port of 127.0.0.1 for --view. 0 means any free port.
     #[arg(long, value_name = "PORT", default_value_t = view::PORT, requires = "view")]

@@ -7,8 +7,7 @@ use clap::Parser;
 use config::Loaded;
 use instance::Instance;
 use robot::Names;
-use rt::{Exit, Failure};
-use rt::{ServiceManager, Shutdown, err, out};
+use rt::{Exit, Failure, ServiceManager, Shutdown, err, out};
 use std::collections::BTreeMap;
 use std::fs::OpenOptions;
 use std::path::Path;
@@ -146,7 +145,7 @@ fn record(cli: &Cli) -> Result<(), Failure> {
 fn serve(port: u16, cli: &Cli, loaded: &Loaded) -> Result<LiveView, Failure> {
     let live = LiveView::start(port, crate::about(loaded, &cli.overrides(), Origin::Live).1);
     let live = live.map_err(|error| unserved(error, "--foxglove"))?;
-    out!("record: shows {} at {}", cli.run_dir.display(), live.address());
+    out!("record: shows {} at {}", cli.run_dir.display(), live.server.address());
     Ok(live)
 }
 

@@ -7,8 +7,8 @@ use foxglove::messages::JointStates;
 use instance::Instance;
 use record::Topic;
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
-use std::io::{BufRead, BufReader};
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
 use std::process::Stdio;
 use std::time::Duration;
@@ -52,13 +52,46 @@ fn text(viewer: &mut Viewer) -> Value {
     serde_json::from_str(viewer.read().expect("a message").to_text().expect("a text")).expect("JSON")
 }
 
-/// Reads a message of a channel: the topic, the time and the data.
-fn message(viewer: &mut Viewer, channels: &[Value]) -> (String, u64, Vec<u8>) {
-    let bytes = viewer.read().expect("a message").into_data();
+/// Reads a message of a channel: the topic, the time and the data. `None` at the end.
+fn message(viewer: &mut Viewer, channels: &[Value]) -> Option<(String, u64, Vec<u8>)> {
+    let Ok(Message::Binary(bytes)) = viewer.read() else { return None };
     // An opcode, the subscription, the time and the message.
     let number = |from: usize, to: usize| bytes[from..to].iter().rev().fold(0, |sum, byte| sum << 8 | u64::from(*byte));
     let channel = channels.iter().find(|channel| channel["id"] == number(1, 5)).expect("its channel");
-    (channel["topic"].as_str().expect("a topic").to_owned(), number(5, 13), bytes[13..].to_vec())
+    Some((channel["topic"].as_str().expect("a topic").to_owned(), number(5, 13), bytes[13..].to_vec()))
+}
+
+/// Times of the last messages by topic.
+fn last(seen: &BTreeSet<(String, u64, Vec<u8>)>) -> BTreeMap<&str, u64> {
+    seen.iter().map(|(topic, time, _)| (topic.as_str(), *time)).collect()
+}
+
+/// Asks for what no viewer gets. Each time the answer says why, or the viewer ends alone.
+fn abuse(address: &str, silent: &mut Viewer, subscriptions: &[Value]) {
+    for (wrong, part) in [
+        (json!({ "op": "advertise", "channels": [] }), "only read"),
+        (json!({ "op": "subscribe", "subscriptions": subscriptions }), "subscribed already"),
+        (json!({ "op": "subscribe", "subscriptions": [{ "id": 99, "channelId": 99 }] }), "does not exist"),
+    ] {
+        send(silent, wrong);
+        let refusal = text(silent);
+        assert!(refusal["message"].as_str().is_some_and(|text| text.contains(part)), "{refusal}");
+    }
+    let (without, token) = address.split_once("token=").expect("a token");
+    for (address, protocol) in [
+        (without.trim_end_matches("/?").to_owned(), "foxglove.sdk.v1"),
+        (format!("{without}token={}0", &token[1..]), "foxglove.sdk.v1"),
+        (address.to_owned(), "foxglove.sdk.v2"),
+    ] {
+        assert_eq!(open(&address, protocol).err(), Some(403), "{address} {protocol}");
+    }
+    // The head of a frame of 1 MiB, of which nothing follows.
+    let (mut long, _) = connect(address);
+    long.get_mut().write_all(&[0x81, 0xff, 0, 0, 0, 0, 0, 16, 0, 0, 0, 0, 0, 0]).expect("sent");
+    assert!(long.read().is_err(), "a request beyond 16 kB ends its viewer");
+    let (mut leaver, _) = connect(address);
+    leaver.close(None).expect("sent");
+    assert!(leaver.read().expect("an answer").is_close(), "a viewer leaves in order");
 }
 
 /// One viewer sees what is recorded. Another one never reads, and tries to write.
@@ -80,36 +113,19 @@ fn f145_viewer_sees_what_is_recorded_whatever_another_one_does() {
         assert_eq!(bytes[..6], [4, 7, 0, 0, 0, failed]);
         assert!(String::from_utf8_lossy(&bytes[10..]).contains(part) && bytes.len() < 1 << 20, "{part}");
     }
-    send(&mut silent, json!({ "op": "advertise", "channels": [] }));
-    let refusal = text(&mut silent);
-    assert!(refusal["message"].as_str().is_some_and(|text| text.contains("only read")), "{refusal}");
-    let (without, token) = address.split_once("token=").expect("a token");
-    for (address, protocol) in [
-        (without.trim_end_matches("/?").to_owned(), "foxglove.sdk.v1"),
-        (format!("{without}token={}0", &token[1..]), "foxglove.sdk.v1"),
-        (address.to_owned(), "foxglove.sdk.v2"),
-    ] {
-        assert_eq!(open(&address, protocol).err(), Some(403), "{address} {protocol}");
-    }
-
-    let (mut long, _) = connect(address);
-    send(&mut long, json!({ "op": "fetchAsset", "uri": "./".repeat(1 << 19), "requestId": 7 }));
-    assert!(long.read().is_err(), "a request beyond 16 kB ends its viewer");
-
     let (mut viewer, _) = connect(address);
-    let all: Vec<_> =
-        channels.iter().map(|channel| json!({ "id": channel["id"], "channelId": channel["id"] })).collect();
+    let all: Vec<_> = channels.iter().map(|one| json!({ "id": one["id"], "channelId": one["id"] })).collect();
     for viewer in [&mut silent, &mut viewer] {
         send(viewer, json!({ "op": "subscribe", "subscriptions": all }));
     }
-    let reading = std::thread::spawn({
-        let channels = channels.clone();
-        move || (0..1500).map(|_| message(&mut viewer, &channels)).collect::<BTreeSet<_>>()
-    });
+    abuse(address, &mut silent, &all);
+    let shown = channels.clone();
+    let reading =
+        std::thread::spawn(move || std::iter::from_fn(|| message(&mut viewer, &shown)).collect::<BTreeSet<_>>());
     writers.publish_for(Duration::from_secs(5));
-    let (seen, sent) = (reading.join().expect("messages"), writers.sent);
     rt::terminate(child.id());
     assert!(child.wait().expect("it ends").success());
+    let (seen, sent) = (reading.join().expect("messages"), writers.sent);
     let file = std::fs::read(&out).unwrap();
     let recorded: BTreeSet<_> = mcap::MessageStream::new(&file)
         .unwrap()
@@ -123,6 +139,7 @@ fn f145_viewer_sees_what_is_recorded_whatever_another_one_does() {
         })
         .collect();
     assert!(seen.is_subset(&recorded), "bit for bit");
+    assert_eq!(last(&seen), last(&recorded), "only the oldest are lost");
     for topic in ["/tf", "/joint_states/measured", "/joint_states/command", "/scene/robot", "/teleop/status"] {
         assert!(seen.iter().filter(|(of, ..)| of == topic).count() > 30, "{topic}");
     }

@@ -118,11 +118,12 @@ fn replay_of_a_recording_is_equal_and_one_changed_bit_is_found() {
 fn act_chunks(robot: RobotId, begun: Stamp) -> Vec<PolicyChunk> {
     let sent: Value = serde_json::from_str(include_str!("act_chunks.json")).unwrap();
     let joints: Vec<usize> = serde_json::from_value(sent["joints"].clone()).unwrap();
+    let period_ns = 1_000_000_000 / sent["rate_hz"].as_u64().unwrap();
     let at = |ms: &Value| begun.plus_ns((ms.as_f64().unwrap() * 1e6) as u64);
     let chunk = |(i, sent): (usize, &Value)| {
         let (start, stamp) = (at(&sent["start_ms"]), at(&sent["sent_ms"]));
         let rows: Vec<Vec<f32>> = serde_json::from_value(sent["positions"].clone()).unwrap();
-        let mut chunk = PolicyChunk { session_nonce: 9, robot, start, period_ns: 33_333_333, ..PolicyChunk::ZERO };
+        let mut chunk = PolicyChunk { session_nonce: 9, robot, start, period_ns, ..PolicyChunk::ZERO };
         chunk.header = Header { sequence: i as u64 + 1, stamp, origin: start, ..Header::ZERO };
         (chunk.rows, chunk.valid_mask) = (rows.len() as u32, joints.iter().map(|j| 1 << j).sum());
         for (to, row) in chunk.q.iter_mut().zip(&rows) {
@@ -172,7 +173,7 @@ fn recording_with_a_payload_and_a_policy_is_replayed_bit_for_bit() {
         led |= status.sources;
     }
     recording.finish().unwrap();
-    assert!(engaged > TICK_HZ, "it follows with the payload");
+    assert!(engaged > TICK_HZ && chunks.next().is_none(), "it follows with the payload, and every chunk came");
     assert_eq!(led, source_flag::PERSON[0] | source_flag::POLICY[1]);
     let found = record::compare(&path, &loaded).expect("a comparison");
     assert!(found.equal() && found.commands.compared > 5 * TICK_HZ, "{found:?}");
