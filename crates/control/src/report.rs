@@ -127,9 +127,11 @@ impl Report {
         status.left_out |= unseen[0] << 2 | unseen[1] << 3;
         status.target_stamp = target.received;
         status.input_age_ns = now.since(target.input_received);
-        status.limb_error_target_rad = status::limb_error(config, &target.limbs, &target.q);
+        // A robot that moves relative to a person is not behind them.
+        let error = |q| if target.is_relative { 0.0 } else { status::limb_error(config, &target.limbs, q) };
+        status.limb_error_target_rad = error(&target.q);
         if let Some(state) = robot.state() {
-            status.limb_error_measured_rad = status::limb_error(config, &target.limbs, &state.q_measured);
+            status.limb_error_measured_rad = error(&state.q_measured);
         }
     }
 

@@ -66,6 +66,8 @@ pub(super) struct Target {
     pub(super) closure: [Option<f64>; 2],
     /// Bits of `source_flag`: who leads each arm.
     pub(super) sources: u32,
+    /// A policy holds its lease, so a person only leads relative to where an arm is.
+    pub(super) is_relative: bool,
 }
 
 /// The person's motion ahead, at the nodes after the target's tick. See `JointTarget`.
@@ -194,6 +196,7 @@ impl Targets {
                 of_arm(side).filter(|&side| closes(side)).map(|side| target.closure[side].into())
             }),
             sources: (0..2).filter_map(of_arm).fold(0, |all, side| all | sources & of_side(side)),
+            is_relative: self.led.is_some(),
         })
     }
 }

@@ -230,6 +230,7 @@ fn f143_takeover_begins_where_the_arm_is_and_not_where_the_policy_wants_it() {
     assert_eq!(scene.mode, Mode::Engaged);
     // What it needs to brake.
     assert!(farthest(&scene.command.q, &there) < 0.05, "{} rad", farthest(&scene.command.q, &there));
+    assert_eq!(scene.status.limb_error_measured_rad, 0.0, "it moves relative to the person, and is not behind");
 }
 
 #[test]
