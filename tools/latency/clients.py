@@ -170,7 +170,7 @@ def readers(seconds=20.0, rounds=6):
 
 
 if __name__ == "__main__":
-    modes = {"readers": readers, "policy": policy, "viewer": lambda port: viewer(int(port)), "reader": reader}
+    modes = {"readers": readers, "policy": policy, "viewer": viewer, "reader": reader}
     if len(sys.argv) < 2 or sys.argv[1] not in modes:
         sys.exit(__doc__)
     modes[sys.argv[1]](*sys.argv[2:])

@@ -141,7 +141,7 @@ fn refuse(config: &ingest::Config, recorded: &Recorded, out: &mut Followed) {
     (out.strangers, out.reasons) = (strangers, reasons);
 }
 
-/// What the robot is shown at image `i`.
+/// The person whom the robot is shown at image `i`.
 type Shown = fn(&Recorded, usize) -> Option<RawSkeleton>;
 
 fn follow(loaded: &Loaded, config: &WorldConfig, recorded: &Recorded, person: &Person, shown: Shown) -> Followed {

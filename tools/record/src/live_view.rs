@@ -166,11 +166,11 @@ impl<'a> Viewer<'a> {
         let why = match request {
             Ok(Request::Subscribe { subscriptions }) => {
                 let mut waiting = locked(self.waiting);
-                let refused = subscriptions.into_iter().find(|one| {
+                let refused = subscriptions.into_iter().filter(|one| {
                     let place = waiting.subscribed.get_mut(one.channel_id).filter(|place| place.is_none());
                     place.map(|place| *place = Some(one.id)).is_none()
                 });
-                refused.map(|one| format!("channel {} does not exist, or is subscribed already", one.channel_id))
+                refused.last().map(|one| format!("channel {} does not exist, or is subscribed already", one.channel_id))
             }
             Ok(Request::Unsubscribe { subscription_ids }) => {
                 let is_over = |place: &&mut Option<u32>| place.is_some_and(|id| subscription_ids.contains(&id));
