@@ -12,6 +12,8 @@ use std::time::Duration;
 const EX_CONFIG: i32 = 78;
 /// Fine for the simulator, not ready for a robot.
 const SIMULATOR_ONLY: i32 = 3;
+/// Exit code of a demo that the machine held back by a pause.
+const HELD: i32 = 2;
 
 /// Copies of the repository's settings, robot and weights for the tests to damage, and a run folder.
 struct Patient {
@@ -137,7 +139,7 @@ fn closed_output_pipe_ends_no_program() {
     let rig = Rig::empty();
     let report = rig.folder().join("report.json");
     let demo = run(unheard(teleopd).args(["demo", "--seconds", "0.5", "--report"]).arg(&report));
-    assert_eq!(demo, Some(0));
+    assert!(matches!(demo, Some(0 | HELD)), "{demo:?}");
     assert!(std::fs::read_to_string(report).expect("a report").contains("min_clearance_mm"));
     let place = rig.folder().to_str().expect("UTF-8");
     let mut up = unheard(teleopd).args(["up", "--engage-without-realtime", "--run-dir", place]).spawn().expect("up");

@@ -26,7 +26,8 @@ fn trials(kills: u64, suspends: u64) -> (Value, String, bool) {
     let output = chaos(&faults);
     let printed = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     let figures = std::fs::read_to_string(file).expect("figures");
-    (serde_json::from_str(&figures).expect("JSON"), printed, output.status.success())
+    let figures = serde_json::from_str(&figures).unwrap_or_else(|cause| panic!("{cause}: {printed}"));
+    (figures, printed, output.status.success())
 }
 
 fn assert_no_violations(figures: &Value, printed: &str) {
