@@ -11,8 +11,8 @@ the robot file's capsules (its cylinders have the same ends and radii), one quad
 order limits of this instant: no acceleration, no jerk, no stop plan and no gate, and it checks 22 pairs.
 Ours: whole-body control and the gate, all checked pairs (`tools/torture/examples/control_tick.rs`). `--binary` may be given
 more than once, to compare builds.
-All follow the same sines about the home posture. They run in turns. The medians of the rounds are printed, and so are the
-medians of the ratios within a round. A busy machine changes the times. It changes the ratios less.
+All follow the same sines about the home posture. They run in turns. Each round gives a time of each program and the ratio
+of both. The medians over the rounds are printed. Other load changes the times more than the ratios.
 """
 
 import argparse

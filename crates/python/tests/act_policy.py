@@ -119,8 +119,9 @@ with Rig(folder, replay.parent, "--record", recording) as rig, client.Policy(rig
             reasons.add(leader.dropped())
         time.sleep(EVERY / FPS)
     codes = end(engage, rig.up)
-for one in sent[::-1]:
-    one.update({key: round(one[key] - sent[0]["start_ms"], 3) for key in ("sent_ms", "start_ms")})
+first_ms = sent[0]["start_ms"]
+for one in sent:
+    one.update({key: round(one[key] - first_ms, 3) for key in ("sent_ms", "start_ms")})
 (folder / "chunks.json").write_text(json.dumps({"joints": arms, "rate_hz": FPS, "chunks": sent}))
 assert codes == [0, INTERRUPTED], codes
 share = modes.count("Engaged") / len(modes)

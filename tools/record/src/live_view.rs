@@ -120,9 +120,9 @@ impl<'a> Viewer<'a> {
     }
 
     fn serve(&mut self, ended: &AtomicBool) -> Result<(), Error> {
-        self.tell(&json!({ "op": "serverInfo", "name": "teleopd", "capabilities": ["assets"] }))?;
+        self.send_json(&json!({ "op": "serverInfo", "name": "teleopd", "capabilities": ["assets"] }))?;
         let channels: Vec<_> = Topic::ALL.into_iter().map(channel).collect();
-        self.tell(&json!({ "op": "advertise", "channels": channels }))?;
+        self.send_json(&json!({ "op": "advertise", "channels": channels }))?;
         let mut has_read = Instant::now();
         loop {
             // The round after the end sends the last messages.
@@ -180,7 +180,7 @@ impl<'a> Viewer<'a> {
             Ok(Request::FetchAsset { uri, request_id }) => return self.send(self.asset(&uri, request_id)),
             Err(why) => Some(format!("viewers only read, by subscribe, unsubscribe and fetchAsset: {why}")),
         };
-        why.map_or(Ok(true), |why| self.tell(&json!({ "op": "status", "level": ERROR, "message": why })))
+        why.map_or(Ok(true), |why| self.send_json(&json!({ "op": "status", "level": ERROR, "message": why })))
     }
 
     fn asset(&self, uri: &str, request_id: u32) -> Message {
@@ -192,13 +192,13 @@ impl<'a> Viewer<'a> {
         Message::binary([&head[..], &length, why.as_bytes(), urdf.map_or(&[][..], |(_, bytes)| bytes)].concat())
     }
 
-    fn tell(&mut self, message: &Value) -> Result<bool, Error> {
+    fn send_json(&mut self, message: &Value) -> Result<bool, Error> {
         self.send(Message::text(message.to_string()))
     }
 
     /// Returns true if all was sent. Otherwise it is sent later.
     fn send(&mut self, message: Message) -> Result<bool, Error> {
-        self.socket.write(message).or_else(|error| or_later(Err(error)))?;
+        or_later(self.socket.write(message))?;
         self.flush()
     }
 

@@ -11,8 +11,8 @@ const SPEED_TICKS: usize = TICK_HZ as usize / 50;
 /// Ticks over which a mean is taken: 0.3 s.
 const MEAN_TICKS: usize = 3 * TICK_HZ as usize / 10;
 /// Difference of true and commanded speed that must have stopped the robot: a root mean square over `MEAN_TICKS`, as a share
-/// of the largest speed. The robot averages the square with a time constant of 0.25 s, and keeps the root below 0.25. A square M
-/// over 0.3 s makes that average at least M (0.3 / 0.25) exp(-0.3 / 0.25) = 0.36 M, so root M < 0.42. The rest is a servo's lag.
+/// of the largest speed. `safety` bounds the mean square with a time constant of 0.25 s by 0.25^2. A mean square M over 0.3 s
+/// raises it to M (0.3 / 0.25) exp(-0.3 / 0.25) = 0.36 M at least. So root M is below 0.42. The servo's lag takes the rest.
 const SPEED_SHARE: f64 = 0.5;
 /// Ticks that a sample, and the decision about it, may take to arrive.
 const LATE: u64 = 15;
