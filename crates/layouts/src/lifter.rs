@@ -244,13 +244,7 @@ impl Lifter {
         must("format", manifest.format, LIFTER_FORMAT)?;
         must("widths", &manifest.widths[..], &LIFTER_WIDTHS[..])?;
         must_match(bytes, &manifest.sha256)?;
-        let tensors = perceptron::open(bytes)?;
-        let layers = perceptron::read_layers(&tensors, NAME, &LIFTER_WIDTHS)?;
-        if tensors.len() != 2 * layers.len() {
-            let known = |name: &str| name.starts_with(NAME);
-            let name = tensors.names().into_iter().find(|name| !known(name)).unwrap_or(NAME);
-            return Err(WeightsError::Unknown { name: name.to_owned() });
-        }
+        let [layers] = perceptron::read_networks(bytes, [(NAME, &LIFTER_WIDTHS)])?;
         Ok(Self::new(&layers))
     }
 

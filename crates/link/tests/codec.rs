@@ -104,11 +104,7 @@ fn f128_each_wrong_field_has_its_own_reason() {
         assert_eq!(refused(&|bytes| bytes[4] = PROTOCOL as u8 + 1, payload), Refusal::Version);
         assert_eq!(refused(&|bytes| bytes[8] = 6, payload), Refusal::Kind);
         assert_eq!(refused(&|bytes| bytes[24..32].fill(0), payload), Refusal::Value, "no client");
-        assert_eq!(
-            refused(&|bytes| bytes[32..40].fill(0), payload),
-            Refusal::Value,
-            "the datagram has no sequence number"
-        );
+        assert_eq!(refused(&|bytes| bytes[32..40].fill(0), payload), Refusal::Value, "without a sequence number");
     }
     assert_eq!(refused(&|bytes| bytes[HEAD_BYTES] ^= 1, operator), Refusal::Value, "version of the request");
     assert_eq!(refused(&|bytes| bytes[HEAD_BYTES + 4] = 3, operator), Refusal::Value, "level");

@@ -3,8 +3,8 @@
 
 use messages::{
     CHUNK_ROWS_MAX, ChunkDrop, Feedback, Header, HingeCalibration, JOINTS_MAX, Joints, LIMBS, Layout, Message, Mode,
-    PolicyChunk, RAW_JOINTS_MAX, RawSkeleton, RobotId, SENTENCE_BYTES, Service, SkeletonLayout, calibration_flag,
-    chunk_flag, feedback_flag, joints_flag, raw_flag, source_flag,
+    PolicyChunk, RAW_JOINTS_MAX, RawSkeleton, RobotId, SENTENCE_BYTES, Service, SkeletonLayout as Body,
+    calibration_flag, chunk_flag, feedback_flag, joints_flag, raw_flag, source_flag,
 };
 use std::fmt::Write;
 
@@ -15,24 +15,16 @@ const C: &str = "/../../tools/clients/c/teleopd.h";
 const NUMBERS: [(&str, u64, &str); 37] = [
     ("RAW_JOINTS_MAX", RAW_JOINTS_MAX as u64, "the most joints that a frame can carry"),
     ("LIMBS", LIMBS as u64, "left upper arm, left forearm, right upper arm, right forearm"),
-    ("LAYOUT_SMPL22", SkeletonLayout::Smpl22 as u64, "SMPL-22, metres, x forward, y left, z up"),
-    ("LAYOUT_SMPL24", SkeletonLayout::Smpl24 as u64, "SMPL-22 and both hands, in the same frame"),
-    ("LAYOUT_XR_BD24", SkeletonLayout::XrBd24 as u64, "OpenXR XR_BD_body_tracking, metres, x right, y up, z back"),
-    (
-        "LAYOUT_MEDIAPIPE33",
-        SkeletonLayout::MediaPipe33 as u64,
-        "MediaPipe Pose world landmarks, metres, y down, z away",
-    ),
-    (
-        "LAYOUT_AZURE_KINECT32",
-        SkeletonLayout::AzureKinect32 as u64,
-        "Azure Kinect, mm, x right, y down, z away; w x y z",
-    ),
-    ("LAYOUT_XSENS_MVN23", SkeletonLayout::XsensMvn23 as u64, "Xsens MVN segments, metres, z up; w x y z"),
-    ("LAYOUT_UNITY", SkeletonLayout::UnityHumanoid as u64, "Unity HumanBodyBones, left-handed, local rotations"),
+    ("LAYOUT_SMPL22", Body::Smpl22 as u64, "SMPL-22, metres, x forward, y left, z up"),
+    ("LAYOUT_SMPL24", Body::Smpl24 as u64, "SMPL-22 and both hands, in the same frame"),
+    ("LAYOUT_XR_BD24", Body::XrBd24 as u64, "OpenXR XR_BD_body_tracking, metres, x right, y up, z back"),
+    ("LAYOUT_MEDIAPIPE33", Body::MediaPipe33 as u64, "MediaPipe Pose world landmarks, metres, y down, z away"),
+    ("LAYOUT_AZURE_KINECT32", Body::AzureKinect32 as u64, "Azure Kinect, mm, x right, y down, z away; w x y z"),
+    ("LAYOUT_XSENS_MVN23", Body::XsensMvn23 as u64, "Xsens MVN segments, metres, z up; w x y z"),
+    ("LAYOUT_UNITY", Body::UnityHumanoid as u64, "Unity HumanBodyBones, left-handed, local rotations"),
     (
         "LAYOUT_MEDIAPIPE66",
-        SkeletonLayout::MediaPipe66 as u64,
+        Body::MediaPipe66 as u64,
         "MediaPipe33, then the image landmarks, heights of the image from its middle, y down",
     ),
     ("FLAG_MIRRORED", raw_flag::MIRRORED as u64, "the image was mirrored: left and right are swapped"),

@@ -10,6 +10,6 @@ mod weights;
 
 pub use network::{Dense, Level, Perceptron, WIDTH_MAX};
 pub use weights::{
-    HEADER_MAX_BYTES, WeightsError, WriteError, key, must, must_match, open, read_layers, read_tensor, rounded,
+    HEADER_MAX_BYTES, WeightsError, WriteError, key, must, must_match, open, read_networks, read_tensor, rounded,
     sha256_hex, write_layers,
 };

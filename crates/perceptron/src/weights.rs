@@ -87,18 +87,34 @@ pub fn open(bytes: &[u8]) -> Result<SafeTensors<'_>, WeightsError> {
     Ok(SafeTensors::deserialize(bytes)?)
 }
 
-/// Reads the layers `name.0` to `name.n` with these widths, from input to output.
+/// Reads the networks of a safetensors file that holds nothing else. Each has a name, and widths from input to output.
+/// Its layer i is `name.i.weight` and `name.i.bias`.
 ///
 /// # Errors
 /// Returns an error that names the tensor.
-pub fn read_layers(tensors: &SafeTensors<'_>, name: &str, widths: &[usize]) -> Result<Vec<Dense>, WeightsError> {
-    let layer = |(i, width): (usize, &[usize])| {
-        let (inputs, outputs) = (width[0], width[1]);
-        let weight = read_tensor(tensors, format!("{name}.{i}.weight"), &[outputs, inputs])?;
-        let bias = read_tensor(tensors, format!("{name}.{i}.bias"), &[outputs])?;
-        Ok(Dense { inputs, outputs, weight, bias })
-    };
-    widths.windows(2).enumerate().map(layer).collect()
+pub fn read_networks<const N: usize>(
+    bytes: &[u8],
+    networks: [(&str, &[usize]); N],
+) -> Result<[Vec<Dense>; N], WeightsError> {
+    let tensors = open(bytes)?;
+    let mut unknown = tensors.names();
+    let mut read = [const { Vec::new() }; N];
+    for ((network, widths), layers) in networks.iter().zip(&mut read) {
+        for (i, width) in widths.windows(2).enumerate() {
+            let mut tensor = |part: &str, shape: &[usize]| {
+                let name = format!("{network}.{i}.{part}");
+                unknown.retain(|found| *found != name);
+                read_tensor(&tensors, name, shape)
+            };
+            let (inputs, outputs) = (width[0], width[1]);
+            let (weight, bias) = (tensor("weight", &[outputs, inputs])?, tensor("bias", &[outputs])?);
+            layers.push(Dense { inputs, outputs, weight, bias });
+        }
+    }
+    match unknown.first() {
+        Some(name) => Err(WeightsError::Unknown { name: (*name).to_owned() }),
+        None => Ok(read),
+    }
 }
 
 /// Reads one tensor of this shape. Every number must be finite.

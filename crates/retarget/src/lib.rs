@@ -41,8 +41,8 @@ pub use oracle::oracle;
 pub use perceptron::{Dense, HEADER_MAX_BYTES, WeightsError, WriteError, sha256_hex};
 pub use posture::{PostureSolver, SolvedPose, posture, solve_poses};
 pub use prediction::{
-    AGES_S, HORIZONS_S, History, PREDICTION_FORMAT, PREDICTION_INPUTS, PREDICTION_OUTPUTS, Prediction,
-    PredictionManifest, Turns, prediction_inputs, turn, turns_at,
+    AGES_S, HORIZONS_S, History, PREDICTION_FORMAT, PREDICTION_INPUTS, PREDICTION_OUTPUTS, PREDICTION_WIDTHS,
+    Prediction, PredictionManifest, Turns, prediction_inputs, turn, turns_at,
 };
 pub use refine::{PRIOR_WEIGHT, Refined, STEP_MAX_RAD, refine};
 pub use resample::{DELAY_MAX_NS, Placed, STALE_NS, Sample, SourceClock, Track};

@@ -1,19 +1,20 @@
-//! Prediction of a person's arm, learnt from recorded motion: a linear map from the turns of the last half second.
+//! Prediction of a person's arm, learnt from recorded motion: a perceptron over the turns of the last half second.
 //!
 //! A *turn* is the rotation vector log(R(t - age) R(t)^-1) of a limb. The inputs are turns, and turns times the
-//! directions of the arm's limbs: gravity and the ranges of the joints depend on these. There is no constant input, so
+//! directions of the arm's limbs: gravity and the ranges of the joints depend on these. No layer has a constant, so
 //! a person who stands still is predicted to stand still. The outputs are the turns log(R(t + h) R(t)^-1) of the arm's
 //! own limbs at a few horizons. Ages and horizons are in seconds, so any frame rate from 20 to 240 Hz works.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use robot::Limbs;
-use safetensors::Dtype;
 use serde::{Deserialize, Serialize};
 
-use perceptron::{WeightsError, WriteError, key, must, must_match, open, read_tensor, sha256_hex};
+use perceptron::{
+    Dense, Perceptron, WeightsError, WriteError, must, must_match, read_networks, sha256_hex, write_layers,
+};
 
-/// The only format of the manifest so far.
-pub const PREDICTION_FORMAT: u32 = 1;
+/// Format of the manifest. Files of format 1 held a linear map.
+pub const PREDICTION_FORMAT: u32 = 2;
 /// Ages at which both arms' past limbs are read, s.
 pub const AGES_S: [f64; 11] = [0.017, 0.033, 0.05, 0.067, 0.1, 0.133, 0.167, 0.233, 0.3, 0.4, 0.5];
 /// Indices of the ages whose turns are also multiplied by directions.
@@ -22,10 +23,14 @@ const DIRECTED: [usize; 5] = [1, 3, 4, 6, 8];
 pub const HORIZONS_S: [f64; 8] = [0.03, 0.06, 0.1, 0.15, 0.2, 0.28, 0.38, 0.48];
 /// Numbers in the directions of one arm: two axes of two limbs.
 const DIRECTIONS: usize = 12;
-/// Inputs of the map: turns of four limbs, those of the arm's own two limbs in their own frames, and products.
+/// Inputs of the network: turns of four limbs, those of the arm's own two limbs in their own frames, and products.
 pub const PREDICTION_INPUTS: usize = AGES_S.len() * (12 + 6) + DIRECTED.len() * 6 * DIRECTIONS;
-/// Outputs of the map: the turns of two limbs at each horizon.
+/// Outputs of the network: the turns of two limbs at each horizon.
 pub const PREDICTION_OUTPUTS: usize = HORIZONS_S.len() * 6;
+/// Widths of the network's layers.
+pub const PREDICTION_WIDTHS: [usize; 4] = [PREDICTION_INPUTS, 272, 272, PREDICTION_OUTPUTS];
+/// Name of the network in its file.
+const NAME: &str = "prediction";
 
 /// Both arms at the newest skeleton and before it, each as a left arm. The predicted arm comes first.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,7 +53,7 @@ pub fn turn(from: &UnitQuaternion<f64>, to: &UnitQuaternion<f64>) -> Vector3<f64
     v * if sin > 1e-9 { 2.0 * sin.atan2(w) / sin } else { 2.0 }
 }
 
-/// Computes the inputs of the map.
+/// Computes the inputs of the network.
 pub fn prediction_inputs(history: &History) -> [f32; PREDICTION_INPUTS] {
     let mut out = [0.0_f32; PREDICTION_INPUTS];
     let mut rest = out.iter_mut();
@@ -90,10 +95,12 @@ pub struct PredictionManifest {
     pub ages_s: Vec<f64>,
     /// `HORIZONS_S`.
     pub horizons_s: Vec<f64>,
-    /// `PREDICTION_INPUTS`.
-    pub inputs: usize,
+    /// `PREDICTION_WIDTHS`.
+    pub widths: Vec<usize>,
     /// Seed of the training.
     pub seed: u64,
+    /// Steps of the training.
+    pub steps: u64,
     /// Description of the training data.
     pub trained_on: String,
     /// Figures of the validation, for the reader.
@@ -109,39 +116,25 @@ impl Default for PredictionManifest {
             sha256: String::new(),
             ages_s: AGES_S.to_vec(),
             horizons_s: HORIZONS_S.to_vec(),
-            inputs: PREDICTION_INPUTS,
+            widths: PREDICTION_WIDTHS.to_vec(),
             seed: 0,
+            steps: 0,
             trained_on: String::new(),
             validation: toml::Table::new(),
         }
     }
 }
 
-/// The checked map.
-#[derive(Clone, Debug, PartialEq)]
+/// The checked network.
+#[derive(Clone, Debug)]
 pub struct Prediction {
-    /// Weights of the outputs, input by input.
-    weight: Box<[[f32; PREDICTION_OUTPUTS]]>,
+    network: Perceptron,
 }
 
-/// Name of the only tensor, `[PREDICTION_INPUTS, PREDICTION_OUTPUTS]`.
-const TENSOR: &str = "weight";
-
 impl Prediction {
-    /// Creates the map from weights, input by input.
-    ///
-    /// # Errors
-    /// Returns an error if there are too few or too many weights, or one is not finite.
-    pub fn new(weight: &[f32]) -> Result<Self, WeightsError> {
-        let (rows, rest) = weight.as_chunks::<PREDICTION_OUTPUTS>();
-        if rows.len() != PREDICTION_INPUTS || !rest.is_empty() {
-            let expected = (PREDICTION_INPUTS * PREDICTION_OUTPUTS).to_string();
-            return Err(key("weights", &weight.len(), expected));
-        }
-        match weight.iter().position(|value| !value.is_finite()) {
-            Some(index) => Err(WeightsError::NotFinite { name: TENSOR.into(), index, value: weight[index] }),
-            None => Ok(Self { weight: rows.into() }),
-        }
+    /// Packs the layers, whose widths are `PREDICTION_WIDTHS`.
+    pub fn new(layers: &[Dense]) -> Self {
+        Self { network: Perceptron::new(layers) }
     }
 
     /// Reads the manifest and the safetensors file that it describes. It refuses everything that differs from the
@@ -154,41 +147,33 @@ impl Prediction {
         must("format", manifest.format, PREDICTION_FORMAT)?;
         must("ages_s", &manifest.ages_s[..], &AGES_S[..])?;
         must("horizons_s", &manifest.horizons_s[..], &HORIZONS_S[..])?;
-        must("inputs", manifest.inputs, PREDICTION_INPUTS)?;
+        must("widths", &manifest.widths[..], &PREDICTION_WIDTHS[..])?;
         must_match(bytes, &manifest.sha256)?;
-        let tensors = open(bytes)?;
-        if let Some(name) = tensors.names().into_iter().find(|name| *name != TENSOR) {
-            return Err(WeightsError::Unknown { name: name.to_owned() });
-        }
-        Self::new(&read_tensor(&tensors, TENSOR.into(), &[PREDICTION_INPUTS, PREDICTION_OUTPUTS])?)
+        let [layers] = read_networks(bytes, [(NAME, &PREDICTION_WIDTHS)])?;
+        Ok(Self::new(&layers))
     }
 
     /// Writes the two files of a weights folder: safetensors bytes and manifest text with its `sha256` filled in.
     ///
     /// # Errors
     /// Returns an error if the manifest holds a value that TOML cannot.
-    pub fn write(&self, manifest: &PredictionManifest) -> Result<(Vec<u8>, String), WriteError> {
-        let data: Vec<u8> = self.weight.as_flattened().iter().flat_map(|value| value.to_le_bytes()).collect();
-        let shape = vec![PREDICTION_INPUTS, PREDICTION_OUTPUTS];
-        let view = safetensors::tensor::TensorView::new(Dtype::F32, shape, &data)?;
-        let bytes = safetensors::serialize([(TENSOR, view)], None)?;
+    pub fn write(layers: &[Dense], manifest: &PredictionManifest) -> Result<(Vec<u8>, String), WriteError> {
+        let bytes = write_layers(&[(NAME, layers)])?;
         let manifest = PredictionManifest { sha256: sha256_hex(&bytes), ..manifest.clone() };
         Ok((bytes, toml::to_string(&manifest)?))
     }
 
-    /// Predicts the turns. `None` if they are not finite.
-    pub fn turns(&self, history: &History) -> Option<Turns> {
-        let inputs = prediction_inputs(history);
-        let mut sums = [0.0_f32; PREDICTION_OUTPUTS];
-        for (input, weights) in inputs.iter().zip(&self.weight) {
-            for (sum, weight) in sums.iter_mut().zip(weights) {
-                *sum += input * weight;
-            }
-        }
-        let part =
-            |horizon: usize, limb: usize| Vector3::from_fn(|axis, _| f64::from(sums[6 * horizon + 3 * limb + axis]));
-        let finite = sums.iter().all(|sum| sum.is_finite());
-        finite.then(|| std::array::from_fn(|horizon| [part(horizon, 0), part(horizon, 1)]))
+    /// Predicts the turns for each history. `None` if they are not finite.
+    pub fn turns<const N: usize>(&self, histories: &[History; N]) -> [Option<Turns>; N] {
+        let inputs = histories.each_ref().map(prediction_inputs);
+        let outputs = self.network.forward::<PREDICTION_INPUTS, PREDICTION_OUTPUTS, N>(&inputs);
+        outputs.map(|turns| {
+            let part = |horizon: usize, limb: usize| {
+                Vector3::from_fn(|axis, _| f64::from(turns[6 * horizon + 3 * limb + axis]))
+            };
+            let finite = turns.iter().all(|turn| turn.is_finite());
+            finite.then(|| std::array::from_fn(|horizon| [part(horizon, 0), part(horizon, 1)]))
+        })
     }
 }
 

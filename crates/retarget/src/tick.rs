@@ -315,12 +315,19 @@ fn correct_contacts(
 /// Extrapolates the arms of a new skeleton at `source`. An arm that was never seen is assumed to equal the other one.
 fn extrapolate(prediction: &Prediction, tracks: &mut [Track; ARMS], new: [bool; ARMS], source: i64) {
     let pasts = [tracks[0].past(source), tracks[1].past(source)];
-    for arm in 0..ARMS {
-        let Some((own, own_before)) = pasts[arm].filter(|_| new[arm] && tracks[arm].is_predictable()) else { continue };
+    let histories = [0, 1].map(|arm| {
+        let (own, own_before) = pasts[arm].filter(|_| new[arm] && tracks[arm].is_predictable())?;
         let (other, other_before) = pasts[1 - arm].unwrap_or((own, [own; AGES_S.len()]));
-        let before = std::array::from_fn(|i| [own_before[i], other_before[i]]);
-        if let Some(turns) = prediction.turns(&History { newest: [own, other], before }) {
-            tracks[arm].extrapolate(&turns);
+        Some(History { newest: [own, other], before: std::array::from_fn(|i| [own_before[i], other_before[i]]) })
+    });
+    // Most of the time goes into reading the weights, so both arms share it.
+    let turns = match histories {
+        [Some(left), Some(right)] => prediction.turns(&[left, right]),
+        alone => alone.map(|history| prediction.turns(&[history?])[0]),
+    };
+    for (track, turns) in tracks.iter_mut().zip(turns) {
+        if let Some(turns) = turns {
+            track.extrapolate(&turns);
         }
     }
 }

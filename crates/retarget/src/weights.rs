@@ -133,29 +133,14 @@ impl Weights {
 
 /// Reads the layers of a safetensors file, checked against the shape in `manifest`.
 pub fn read_layers(bytes: &[u8], manifest: &Manifest) -> Result<Layers, WeightsError> {
-    let tensors = perceptron::open(bytes)?;
-    let network = |name: &str, inputs: usize, outputs: usize| {
+    let widths = |inputs: usize, outputs: usize| {
         let hidden = vec![manifest.hidden_width; manifest.hidden_layers];
-        perceptron::read_layers(&tensors, name, &[&[inputs], &hidden[..], &[outputs]].concat())
+        [&[inputs], &hidden[..], &[outputs]].concat()
     };
-    let layers = Layers {
-        human: network("human", FEATURES, LATENT)?,
-        robot: network("robot", ARM_Q, LATENT)?,
-        decoder: network("decoder", LATENT, ARM_Q)?,
-    };
-    if tensors.len() != 6 * (manifest.hidden_layers + 1) {
-        let name = tensors.names().into_iter().find(|name| !is_ours(name, manifest.hidden_layers));
-        return Err(WeightsError::Unknown { name: name.unwrap_or_default().to_owned() });
-    }
-    Ok(layers)
-}
-
-fn is_ours(name: &str, hidden_layers: usize) -> bool {
-    let mut parts = name.split('.');
-    let network = parts.next().is_some_and(|part| ["human", "robot", "decoder"].contains(&part));
-    let index = parts.next().and_then(|part| part.parse::<usize>().ok()).is_some_and(|i| i <= hidden_layers);
-    let kind = parts.next().is_some_and(|part| ["weight", "bias"].contains(&part));
-    network && index && kind && parts.next().is_none()
+    let [human, robot, decoder] = [widths(FEATURES, LATENT), widths(ARM_Q, LATENT), widths(LATENT, ARM_Q)];
+    let networks = [("human", &human[..]), ("robot", &robot[..]), ("decoder", &decoder[..])];
+    let [human, robot, decoder] = perceptron::read_networks(bytes, networks)?;
+    Ok(Layers { human, robot, decoder })
 }
 
 /// Writes the two files of a weights folder: safetensors bytes and manifest text with its `sha256` filled in.

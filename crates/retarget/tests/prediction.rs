@@ -12,8 +12,8 @@ use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use retarget::{
-    AGES_S, Config, HORIZONS_S, History, Limbs, PREDICTION_INPUTS, PREDICTION_OUTPUTS, Prediction, limb_error_deg,
-    turns_at,
+    AGES_S, Config, Dense, HORIZONS_S, History, Limbs, PREDICTION_INPUTS, PREDICTION_WIDTHS, Prediction,
+    limb_error_deg, turns_at,
 };
 
 fn learnt() -> Config {
@@ -29,6 +29,13 @@ fn walks(t_s: f64) -> [Limbs; 2] {
         let bend = 0.5 + 0.3 * (TAU * (0.9 * t_s + phase) - 0.4).sin();
         Limbs { upper, fore: turn(Vector3::y(), -bend) * upper }
     })
+}
+
+/// Both arms stir around the vertical, faster than any recorded one.
+fn stirs(t_s: f64) -> [Limbs; 2] {
+    let around = turn(Vector3::z(), 8.0 * t_s);
+    let upper = around * turn(Vector3::y(), 1.0) * around.inverse();
+    [Limbs { upper, fore: turn(Vector3::z(), 0.7) * upper }; 2]
 }
 
 /// Mean angle between the predicted nodes of these arms and the person's later motion, degrees, from 1 s on.
@@ -59,6 +66,8 @@ fn swing_is_predicted_better_than_by_fading_turn() {
         let [fading, learnt] = both_deg(&source_at(walks, 4.0, rate_hz), walks, &[0, 1]);
         assert!(learnt < 0.9 * fading, "{rate_hz} Hz: learnt {learnt}, fading {fading} degrees");
     }
+    let [fading, learnt] = both_deg(&source_at(stirs, 4.0, 60.0), stirs, &[0, 1]);
+    assert!(learnt < fading, "stirs: learnt {learnt}, fading {fading} degrees");
     let mut skeletons = source_at(walks, 4.0, 60.0);
     for skeleton in &mut skeletons {
         skeleton.flags &= !(skeleton_flag::LIMB[2] | skeleton_flag::LIMB[3]);
@@ -81,21 +90,21 @@ fn swing_is_predicted_better_than_by_fading_turn() {
     assert!(learnt < fading, "learnt {learnt}, fading {fading} degrees");
 }
 
-/// Prediction of the map for `person` as seen at `t_s`, for each arm.
+/// Prediction for `person` as seen at `t_s`, for each arm.
 fn expected(prediction: &Prediction, person: Person, t_s: f64, ahead_s: f64) -> [Limbs; 2] {
     let newest = person(t_s);
     let before = AGES_S.map(|age_s| person(t_s - age_s));
     [0, 1].map(|arm| {
         let first = |arms: [Limbs; 2]| [arms[arm], arms[1 - arm]];
         let history = History { newest: first(newest), before: before.map(first) };
-        let turns = prediction.turns(&history).expect("numbers");
+        let turns = prediction.turns(&[history])[0].expect("numbers");
         let [upper, fore] = turns_at(&turns, ahead_s).map(|by| turn(by, 1.0));
         Limbs { upper: upper * newest[arm].upper, fore: fore * newest[arm].fore }
     })
 }
 
 #[test]
-fn nodes_match_learnt_map_at_any_rate() {
+fn nodes_match_learnt_prediction_at_any_rate() {
     let prediction = prediction();
     // Error of the interpolation between frames, and of single precision.
     for (rate_hz, tolerance_rad) in [(60.0, 0.02), (240.0, 0.004)] {
@@ -144,11 +153,15 @@ fn arm_seen_for_less_than_200_ms_continues_by_fading_turn() {
     assert!(other.iter().all(|count| *count > 1000), "{other:?} targets differ");
 }
 
-/// Weights with which each output is the first component of the first turn, times `value`.
+/// Weights with which each output grows with the first component of the first turn, by `value`.
 fn one_weight(value: f32) -> Prediction {
-    let mut weight = vec![0.0; PREDICTION_INPUTS * PREDICTION_OUTPUTS];
-    weight[..PREDICTION_OUTPUTS].fill(value);
-    Prediction::new(&weight).expect("finite")
+    let layer = |(i, width): (usize, &[usize; 2])| {
+        let [inputs, outputs] = *width;
+        let mut weight = vec![0.0; inputs * outputs];
+        weight.iter_mut().step_by(inputs).for_each(|first| *first = if i == 0 { 1.0 } else { value });
+        Dense { inputs, outputs, weight, bias: vec![0.0; outputs] }
+    };
+    Prediction::new(&PREDICTION_WIDTHS.array_windows().enumerate().map(layer).collect::<Vec<_>>())
 }
 
 #[test]
@@ -156,7 +169,7 @@ fn prediction_is_bounded_and_falls_back_on_infinite_sums() {
     let skeletons = source_at(swings, 1.0, 60.0);
     let fading = run(&config(DELAY_MS), &skeletons, 0.9);
     // Far more than any person turns: it is limited to 2 rad, as a fading turn at 20 rad/s.
-    let wild = run(&config(DELAY_MS).with_prediction(Some(one_weight(-1e6))), &skeletons, 0.9);
+    let wild = run(&config(DELAY_MS).with_prediction(Some(one_weight(1e6))), &skeletons, 0.9);
     let mut farthest = 0.0_f64;
     for (now, target) in &wild[600..] {
         let newest = swings(newest_s(&skeletons, *now));
@@ -164,7 +177,7 @@ fn prediction_is_bounded_and_falls_back_on_infinite_sums() {
         farthest = farthest.max(last.upper.angle_to(&newest[0].upper));
     }
     assert!(farthest > 1.8 && farthest <= 2.002, "{farthest} rad");
-    // Infinite sums: as without a map.
+    // Infinite sums: as without a prediction.
     let none = run(&config(DELAY_MS).with_prediction(Some(one_weight(3e38))), &source_at(wide, 1.0, 60.0), 0.9);
     let plain = run(&config(DELAY_MS), &source_at(wide, 1.0, 60.0), 0.9);
     assert!(none.iter().zip(&plain).all(|(none, plain)| none.1.limb_trajectory == plain.1.limb_trajectory));
@@ -187,10 +200,10 @@ fn flawed_prediction_files_are_refused_with_reason() {
     };
     assert_eq!(refused(&text, &tensors), "accepted");
     for (from, to, message) in [
-        ("format = 1", "format = 2", "format is 2, expected 1"),
+        ("format = 2", "format = 1", "format is 1, expected 2"),
         ("ages_s = [0.017", "ages_s = [0.018", "ages_s"),
         ("0.48]", "0.5]", "horizons_s"),
-        (&format!("inputs = {PREDICTION_INPUTS}"), "inputs = 3", "inputs is 3"),
+        (&format!("widths = [{PREDICTION_INPUTS}"), "widths = [3", "widths is [3"),
         ("seed", "sead", "sead"),
         ("sha256 = \"", "sha256 = \"0", "sha256"),
     ] {
@@ -210,10 +223,9 @@ fn flawed_prediction_files_are_refused_with_reason() {
     assert_eq!(sealed(&tensors), "accepted");
     let mut infinite = tensors.clone();
     let end = infinite.len();
-    infinite[end - 4..].copy_from_slice(&f32::INFINITY.to_le_bytes());
+    infinite[end - 2..].copy_from_slice(&[0, 0x7c]);
     assert!(sealed(&infinite).contains("inf"), "{}", sealed(&infinite));
     assert!(sealed(&tensors[..end - 4]).contains("tensors"), "{}", sealed(&tensors[..end - 4]));
     assert!(sealed(&u64::MAX.to_le_bytes()).contains("header"));
-    assert!(Prediction::new(&[0.0; PREDICTION_OUTPUTS]).is_err(), "too few weights");
     assert!(HORIZONS_S.is_sorted() && AGES_S.is_sorted());
 }

@@ -95,7 +95,7 @@ fn default_clips_are_those_left_out_of_training() {
             clips::read(folder.path(), names, mode, &motion::LoadOptions::default()).expect("the folder is read");
         clips.into_iter().map(|clip| clip.name).collect()
     };
-    let left_out = train::clips::Clips::read(folder.path(), mode, &motion::LoadOptions::default())
+    let left_out = train::clips::Clips::read(&[folder.path()], mode, &motion::LoadOptions::default())
         .expect("the folder is read")
         .validation;
     let left_out: Vec<String> = left_out.into_iter().map(|clip| clip.name).collect();

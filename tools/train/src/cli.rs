@@ -15,9 +15,10 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, Parser)]
 #[command(name = "train", version)]
 pub struct Cli {
-    /// Folder of motion files with rotations. Every fifth file, starting with the third, is kept for validation
-    #[arg(long, value_name = "DIR")]
-    pub human: PathBuf,
+    /// Folder of motion files with rotations. Every fifth file, starting with the third, is kept for validation. Of further
+    /// folders, separated by commas, all files are trained on
+    #[arg(long, value_name = "DIR", value_delimiter = ',', required = true)]
+    pub human: Vec<PathBuf>,
     /// Robot file. --prediction does not use it. Several, separated by commas, get one human encoder and one latent
     /// space
     #[arg(long, visible_alias = "robots", value_name = "FILE", value_delimiter = ',')]
@@ -27,8 +28,8 @@ pub struct Cli {
     /// for each name
     #[arg(long, value_name = "OUT")]
     pub out: PathBuf,
-    /// Train the prediction of a person's arm motion instead, from the same clips. Takes a minute
-    #[arg(long, conflicts_with_all = ["preset", "steps", "batch", "rate"])]
+    /// Train the prediction of a person's arm motion instead, from the same clips. Takes minutes
+    #[arg(long, conflicts_with_all = ["preset", "batch", "rate"])]
     pub prediction: bool,
     /// Train the lifter of a camera's image points instead. --human is then the file of `tools/camera/render points`
     #[arg(long, requires_all = ["pairs", "validation"], conflicts_with_all = ["prediction", "preset", "batch", "rate"])]

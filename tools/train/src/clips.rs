@@ -40,21 +40,31 @@ pub struct Clips {
 }
 
 impl Clips {
-    /// Reads all motion files of `folder`. A file that cannot be read, or has no rotations, is skipped and listed.
-    pub fn read(folder: &Path, calibration: CalibrationMode, load: &LoadOptions) -> Result<Self, Failure> {
-        let files = motion::motion_files(folder).map_err(Failure::with(Exit::NoInput))?;
+    /// Reads all motion files of the folders. The first one's have the validation clips. A file that cannot be read, or has
+    /// no rotations, is skipped and listed.
+    pub fn read(
+        folders: &[impl AsRef<Path>],
+        calibration: CalibrationMode,
+        load: &LoadOptions,
+    ) -> Result<Self, Failure> {
         let mut clips = Self { training: Vec::new(), validation: Vec::new(), skipped: Vec::new() };
-        for (index, file) in files.iter().enumerate() {
-            match read_clip(file, calibration, load) {
-                Err(reason) => clips.skipped.push((file.display().to_string(), reason)),
-                Ok(clip) if is_validation(index) => clips.validation.push(clip),
-                Ok(clip) => clips.training.push(clip),
+        let (mut found, mut names) = (0, Vec::new());
+        for (place, folder) in folders.iter().enumerate() {
+            let files = motion::motion_files(folder.as_ref()).map_err(Failure::with(Exit::NoInput))?;
+            found += files.len();
+            names.push(folder.as_ref().display().to_string());
+            for (index, file) in files.iter().enumerate() {
+                match read_clip(file, calibration, load) {
+                    Err(reason) => clips.skipped.push((file.display().to_string(), reason)),
+                    Ok(clip) if place == 0 && is_validation(index) => clips.validation.push(clip),
+                    Ok(clip) => clips.training.push(clip),
+                }
             }
         }
         if clips.training.is_empty() || clips.validation.is_empty() {
             let reasons: String = clips.skipped.iter().map(|(file, reason)| format!("\n  {file}: {reason}")).collect();
-            let (usable, found) = (clips.training.len() + clips.validation.len(), files.len());
-            let (folder, needed) = (folder.display(), VALIDATION_FIRST + 1);
+            let usable = clips.training.len() + clips.validation.len();
+            let (folder, needed) = (names.join(", "), VALIDATION_FIRST + 1);
             let text = format!("{usable} of {found} motion files are usable, at least {needed} are needed{reasons}");
             return Err(Failure::new(Exit::DataErr, format!("{folder}: {text}")));
         }

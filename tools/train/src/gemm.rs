@@ -1,5 +1,5 @@
 //! Dense products and wide vectors. This is the only file of the trainer that needs `unsafe`: the pointer interface of
-//! the `gemm` crate is wrapped here behind slices and checks.
+//! the `gemm` crate is wrapped here behind slices and checks. `tests/gradients.rs` compares the products with candle's.
 #![allow(unsafe_code)]
 
 use gemm::Parallelism;
@@ -73,45 +73,4 @@ pub fn multiply(dst: &mut [f32], a: Mat<'_>, b: Mat<'_>, accumulate: bool) {
 #[inline]
 pub fn widest<R>(work: impl FnOnce() -> R) -> R {
     Arch::new().dispatch(work)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn naive(a: &[f32], b: &[f32], m: usize, k: usize, n: usize) -> Vec<f32> {
-        let mut out = vec![0.0; m * n];
-        for i in 0..m {
-            for j in 0..n {
-                out[i * n + j] = (0..k).map(|l| a[i * k + l] * b[l * n + j]).sum();
-            }
-        }
-        out
-    }
-
-    fn transpose(a: &[f32], rows: usize, cols: usize) -> Vec<f32> {
-        (0..cols).flat_map(|j| (0..rows).map(move |i| a[i * cols + j])).collect()
-    }
-
-    #[test]
-    fn matrix_product_matches_the_naive_one_in_every_layout() {
-        let (m, k, n) = (7, 13, 5);
-        let a: Vec<f32> = (0..m * k).map(|i| (i as f32 * 0.37).sin()).collect();
-        let b: Vec<f32> = (0..k * n).map(|i| (i as f32 * 0.91).cos()).collect();
-        let want = naive(&a, &b, m, k, n);
-        let (at, bt) = (transpose(&a, m, k), transpose(&b, k, n));
-        let layouts = [
-            (Mat::new(&a, m, k), Mat::new(&b, k, n)),
-            (Mat::new(&at, k, m).t(), Mat::new(&b, k, n)),
-            (Mat::new(&a, m, k), Mat::new(&bt, n, k).t()),
-            (Mat::new(&at, k, m).t(), Mat::new(&bt, n, k).t()),
-        ];
-        for (left, right) in layouts {
-            let mut got = vec![1.0; m * n];
-            multiply(&mut got, left, right, false);
-            assert!(got.iter().zip(&want).all(|(g, w)| (g - w).abs() < 1e-5));
-            multiply(&mut got, left, right, true);
-            assert!(got.iter().zip(&want).all(|(g, w)| (g - 2.0 * w).abs() < 2e-5));
-        }
-    }
 }

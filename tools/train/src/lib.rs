@@ -11,6 +11,7 @@ pub mod cli;
 pub mod clips;
 pub mod evaluation;
 pub mod files;
+pub mod fit;
 pub mod gemm;
 pub mod gimbal;
 pub mod kinematics;

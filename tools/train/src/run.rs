@@ -21,8 +21,9 @@ use std::time::{Duration, Instant};
 /// Steps between validations. The figure changes slowly, and 2000 frames cost as much as 5 steps.
 const VALIDATION_STEPS: u64 = 1_000;
 const VALIDATION_POSES: usize = 2_000;
-/// Steps of the lifter's training, if none are given.
+/// Steps of the lifter's training, and of the prediction's, if none are given.
 const LIFTER_STEPS: u64 = 100_000;
+const PREDICTION_STEPS: u64 = 3_000;
 /// Number of steps over which the displayed loss is averaged.
 const SHOWN_STEPS: u64 = 20;
 /// Frames between two evaluations of the optimum. At 60 frames/s neighbouring frames hardly differ.
@@ -31,13 +32,14 @@ const OPTIMUM_STRIDE: usize = 3;
 pub fn run(cli: &Cli) -> Result<(), Failure> {
     if let (true, Some(pairs), Some(validation)) = (cli.lifter, &cli.pairs, &cli.validation) {
         let steps = cli.steps.unwrap_or(LIFTER_STEPS);
-        return lifting::learn(&cli.out, &cli.human, pairs, validation, steps, cli.seed);
+        return lifting::learn(&cli.out, &cli.human[0], pairs, validation, steps, cli.seed);
     }
     let clips = Clips::read(&cli.human, cli.calibration, &cli.load)?;
     report(&clips);
     let out = cli.out.as_path();
     if cli.prediction {
-        return prediction::learn(out, &clips, cli.seed, cli.calibration.name());
+        let steps = cli.steps.unwrap_or(PREDICTION_STEPS);
+        return prediction::learn(out, &clips, steps, cli.seed, cli.calibration.name());
     }
     let recorded = clips.recorded();
     let (runs, mut sessions): (Vec<Run>, Vec<Session>) =

@@ -1,10 +1,10 @@
 //! The lifter's loss, its draws, and a short training.
 
-use layouts::{DIRECTIONS, LIFTER_OUTPUTS};
+use layouts::{DIRECTIONS, LIFTER_OUTPUTS, Lifter};
 use nalgebra::Vector3;
 use rand::RngExt;
 use rand_pcg::Pcg64;
-use train::lifting::{Fit, Pair, Pairs, People, directions, draw, judge, loss};
+use train::lifting::{Pair, Pairs, People, begin, directions, draw, judge, loss, step};
 
 /// A person who faces the camera, m, y up: arms in front at random, as the network's points.
 fn body(rng: &mut Pcg64) -> [Vector3<f64>; 27] {
@@ -78,9 +78,9 @@ fn drawn_image_has_the_directions_of_its_person() {
 #[test]
 fn short_training_halves_the_error_of_guessing() {
     let people = people(3_000);
-    let mut fit = Fit::new(300, 1);
-    let first = fit.step(&people, None);
-    let last: f64 = (0..299).map(|_| fit.step(&people, None)).skip(279).sum::<f64>() / 20.0;
+    let mut fit = begin(300, 1);
+    let first = step(&mut fit, &people, None);
+    let last: f64 = (0..299).map(|_| step(&mut fit, &people, None)).skip(279).sum::<f64>() / 20.0;
     assert!(last < 0.6 * first, "{first} to {last} degrees");
     // On images whose points are true the network is better still, and knows in which ones it is.
     let mut rng = Pcg64::new(9, 9);
@@ -88,7 +88,7 @@ fn short_training_halves_the_error_of_guessing() {
     let own = directions(&pairs[0].truth);
     assert!((own[7] - Vector3::new(0.0, -1.0, 0.0)).norm() < 1e-9, "{}", own[7]);
     let pairs = Pairs { clips: vec![("clip".into(), pairs)] };
-    let judged = judge(&pairs, Some(&fit.lifter()));
+    let judged = judge(&pairs, Some(&Lifter::new(&fit.layers())));
     assert!(judged.mean_deg < 35.0 && judged.halves_deg[0] < judged.halves_deg[1], "{judged}");
     assert!(judge(&pairs, None).mean_deg < 1e-4, "the truth itself");
 }

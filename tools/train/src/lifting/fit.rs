@@ -1,13 +1,10 @@
 //! The network's loss and its training by Adam.
 
-use super::BATCH;
 use super::people::People;
 use super::view::{Errors, View, draw};
-use crate::mlp::{Mlp, Shape, Trace};
-use crate::optimiser::{Adam, Schedule};
-use layouts::{DIRECTIONS, LIFTER_INPUTS, LIFTER_OUTPUTS, LIFTER_WIDTHS, Lifter};
+use crate::fit::Fit;
+use layouts::{DIRECTIONS, LIFTER_INPUTS, LIFTER_OUTPUTS, LIFTER_WIDTHS};
 use nalgebra::Vector3;
-use perceptron::Dense;
 use rand_pcg::Pcg64;
 
 /// Weights of the directions: arms, hands, trunk.
@@ -55,76 +52,27 @@ pub fn loss(
     (sum, degrees)
 }
 
-/// One thread's half of a batch.
-#[derive(Clone, Debug)]
-struct Shard {
-    trace: Trace,
-    gradient: Vec<f32>,
-    by_output: Vec<f32>,
+/// Begins a run.
+pub fn begin(steps: u64, seed: u64) -> Fit {
+    Fit::new(&LIFTER_WIDTHS, RATE, steps, seed)
 }
 
-/// A run. It is bit-reproducible for any number of threads.
-#[derive(Clone, Debug)]
-pub struct Fit {
-    mlp: Mlp,
-    adam: Adam,
-    schedule: Schedule,
-    shards: [Shard; 2],
-    seed: u64,
-    step: u64,
-}
-
-impl Fit {
-    pub fn new(steps: u64, seed: u64) -> Self {
-        let [input, hidden_width, .., output] = LIFTER_WIDTHS;
-        let mlp = Mlp::new(Shape { input, hidden_layers: LIFTER_WIDTHS.len() - 2, hidden_width, output }, 0);
-        let mut rng = Pcg64::new(u128::from(seed), 0x11f7);
-        let mut parameters = vec![0.0; mlp.end()];
-        mlp.draw(&mut parameters, &mut rng);
-        let rows = BATCH / 2;
-        let shard =
-            Shard { trace: mlp.trace(rows), gradient: vec![0.0; mlp.end()], by_output: vec![0.0; rows * output] };
-        let schedule = Schedule { peak: RATE, warm_up: 500.min(steps / 4), second_decay: 0.999, steps };
-        Self { mlp, adam: Adam::new(parameters), schedule, shards: [shard.clone(), shard], seed, step: 0 }
-    }
-
-    /// Takes one step. Returns the mean angle of the arms in its batch, degrees.
-    pub fn step(&mut self, people: &People, real: Option<&Errors>) -> f64 {
-        let Self { mlp, adam, shards: [left, right], seed, step, .. } = self;
-        let parameters = adam.parameters.as_slice();
-        let work = |shard: &mut Shard, index: u64| {
-            let mut rng = Pcg64::new(u128::from(*seed) << 64 | u128::from(*step), u128::from(index));
-            let rows = BATCH / 2;
-            let views: Vec<View> = (0..rows).map(|_| draw(people, real, &mut rng)).collect();
-            for (view, input) in views.iter().zip(shard.trace.input.chunks_exact_mut(LIFTER_INPUTS)) {
-                input.copy_from_slice(&view.inputs);
-            }
-            mlp.forward(parameters, &mut shard.trace);
-            let mut sum_deg = 0.0;
-            let outputs = shard.trace.output.chunks_exact(LIFTER_OUTPUTS);
-            for ((view, output), by) in views.iter().zip(outputs).zip(shard.by_output.chunks_exact_mut(LIFTER_OUTPUTS))
-            {
-                let (_, degrees) = loss(output, &view.directions, 1.0 / rows as f64, by);
-                sum_deg += degrees[..4].iter().sum::<f64>() / 4.0;
-            }
-            shard.gradient.fill(0.0);
-            mlp.backward(parameters, &mut shard.trace, &shard.by_output, &mut shard.gradient, None);
-            sum_deg / rows as f64
-        };
-        let (of_left, of_right) = rayon::join(|| work(left, 0), || work(right, 1));
-        let [left, right] = &self.shards;
-        self.adam.step([&left.gradient, &right.gradient], self.step, &self.schedule);
-        self.step += 1;
-        (of_left + of_right) / 2.0
-    }
-
-    /// The averaged weights so far, as a file holds them.
-    pub fn layers(&self) -> Vec<Dense> {
-        let average: Vec<f32> = self.adam.average.iter().copied().map(perceptron::rounded).collect();
-        self.mlp.dense(&average)
-    }
-
-    pub fn lifter(&self) -> Lifter {
-        Lifter::new(&self.layers())
-    }
+/// Takes one step. Returns the mean angle of the arms in its batch, degrees.
+pub fn step(fit: &mut Fit, people: &People, real: Option<&Errors>) -> f64 {
+    let drawn = |rng: &mut Pcg64, inputs: &mut [f32]| -> Vec<View> {
+        let views = inputs.chunks_exact_mut(LIFTER_INPUTS).map(|input| {
+            let view = draw(people, real, rng);
+            input.copy_from_slice(&view.inputs);
+            view
+        });
+        views.collect()
+    };
+    fit.step(drawn, |views, outputs, by_output| {
+        let outputs = outputs.chunks_exact(LIFTER_OUTPUTS).zip(by_output.chunks_exact_mut(LIFTER_OUTPUTS));
+        let degrees = views.iter().zip(outputs).map(|(view, (output, by))| {
+            let (_, degrees) = loss(output, &view.directions, 1.0 / views.len() as f64, by);
+            degrees[..4].iter().sum::<f64>() / 4.0
+        });
+        degrees.sum::<f64>() / views.len() as f64
+    })
 }

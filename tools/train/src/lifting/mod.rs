@@ -7,19 +7,18 @@ mod judge;
 mod people;
 mod view;
 
-pub use fit::{Fit, loss};
+pub use fit::{begin, loss, step};
 pub use judge::{Judged, judge};
 pub use people::{Pair, Pairs, People, Recorded};
 pub use view::{Errors, View, directions, draw};
 
 use crate::files::write_both;
+use crate::fit::rounded;
 use crate::session::diverged;
 use layouts::{Lifter, LifterManifest};
 use rt::{Exit, Failure};
 use std::path::Path;
 
-/// Images of each step.
-pub const BATCH: usize = 512;
 /// Share of the steps in which errors come from the formula alone.
 const FORMULA_SHARE: f64 = 0.5;
 /// Steps between two lines of the report.
@@ -32,17 +31,22 @@ pub fn learn(out: &Path, people: &Path, pairs: &Path, validation: &Path, steps: 
     println!("{} frames of people, {} images for errors, {} to judge", people.frames(), errors.len(), unknown.len());
     println!("landmarker {}", judge(&unknown, None));
     let bank = Errors::new(&errors);
-    let mut fit = Fit::new(steps, seed);
-    for step in 0..steps {
-        let real = (step as f64 >= FORMULA_SHARE * steps as f64).then_some(&bank);
-        let mean_deg = fit.step(&people, real);
+    let mut fit = begin(steps, seed);
+    for done in 0..steps {
+        let real = (done as f64 >= FORMULA_SHARE * steps as f64).then_some(&bank);
+        let mean_deg = step(&mut fit, &people, real);
         if !mean_deg.is_finite() {
-            return Err(diverged(step));
+            return Err(diverged(done));
         }
-        if (step + 1).is_multiple_of(REPORT_STEPS) || step + 1 == steps {
-            println!("step {:>7} training {mean_deg:.2} deg | {}", step + 1, judge(&unknown, Some(&fit.lifter())));
+        if (done + 1).is_multiple_of(REPORT_STEPS) || done + 1 == steps {
+            println!(
+                "step {:>7} training {mean_deg:.2} deg | {}",
+                done + 1,
+                judge(&unknown, Some(&Lifter::new(&fit.layers())))
+            );
         }
     }
+    let layers = rounded(fit.layers());
     let manifest = LifterManifest {
         seed,
         steps,
@@ -51,10 +55,10 @@ pub fn learn(out: &Path, people: &Path, pairs: &Path, validation: &Path, steps: 
             people.frames(),
             errors.len()
         ),
-        validation: judge(&unknown, Some(&fit.lifter())).table(),
+        validation: judge(&unknown, Some(&Lifter::new(&layers))).table(),
         ..LifterManifest::default()
     };
-    let (tensors, manifest) = Lifter::write(&fit.layers(), &manifest).map_err(Failure::with(Exit::Software))?;
+    let (tensors, manifest) = Lifter::write(&layers, &manifest).map_err(Failure::with(Exit::Software))?;
     write_both(out, &tensors, &manifest)?;
     println!("wrote {}.safetensors and .toml", out.display());
     Ok(())

@@ -89,46 +89,41 @@ pub fn history(frames: &[[Limbs; 2]], rate_hz: f64, own: usize) -> History {
     History { newest: first(&frames[0]), before }
 }
 
-#[derive(Clone, Debug, Default)]
-pub struct Draw {
-    pub inputs: Vec<Vec<f64>>,
-    pub outputs: Vec<Vec<f64>>,
+/// An arm before an instant and after it.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    pub inputs: [f32; PREDICTION_INPUTS],
+    pub outputs: [f32; PREDICTION_OUTPUTS],
 }
 
-/// Draws `count` instants, with two rows each: one per arm. The same seed gives the same draw.
-pub fn draw(recordings: &[Recording], count: usize, seed: u64) -> Draw {
-    let mut rng = Pcg64::new(u128::from(seed), 0x9ed1);
-    let mut out = Draw { inputs: vec![Vec::new(); PREDICTION_INPUTS], outputs: vec![Vec::new(); PREDICTION_OUTPUTS] };
+/// Draws an instant of both arms. `None` if the recordings are shorter than what is predicted.
+pub fn rows(recordings: &[Recording], rng: &mut Pcg64) -> Option<[Row; 2]> {
     let longest_s = SPEED * HORIZONS_S[HORIZONS_S.len() - 1];
     let room_s = |recording: &Recording| (recording.end_s() - longest_s).max(0.0);
     let total_s: f64 = recordings.iter().map(room_s).sum();
-    for _ in 0..count {
-        let mut at_s = rng.random_range(0.0..total_s.max(f64::MIN_POSITIVE));
-        let recording = recordings.iter().find(|recording| {
-            let room_s = room_s(recording);
-            let here = at_s < room_s;
-            at_s -= if here { 0.0 } else { room_s };
-            here
-        });
-        let Some(recording) = recording else { continue };
-        let seen = seen(&mut rng, at_s);
-        let frames = seen.frames(recording, &mut rng);
-        if frames.is_empty() {
-            continue;
-        }
-        for own in 0..2 {
-            let inputs = prediction_inputs(&history(&frames, seen.rate_hz, own));
-            out.inputs.iter_mut().zip(inputs).for_each(|(column, value)| column.push(f64::from(value)));
-            let newest = frames[0][own];
-            let turns = HORIZONS_S.iter().flat_map(|horizon_s| {
-                let then = seen.after(recording, *horizon_s)[own];
-                [turn(&newest.upper, &then.upper), turn(&newest.fore, &then.fore)]
-            });
-            let values = turns.flat_map(|turn| [turn.x, turn.y, turn.z]);
-            out.outputs.iter_mut().zip(values).for_each(|(column, value)| column.push(value));
-        }
+    let mut at_s = rng.random_range(0.0..total_s.max(f64::MIN_POSITIVE));
+    let recording = recordings.iter().find(|recording| {
+        let room_s = room_s(recording);
+        let here = at_s < room_s;
+        at_s -= if here { 0.0 } else { room_s };
+        here
+    })?;
+    let seen = seen(rng, at_s);
+    let frames = seen.frames(recording, rng);
+    if frames.is_empty() {
+        return None;
     }
-    out
+    Some([0, 1].map(|own| {
+        let newest = frames[0][own];
+        let turns = HORIZONS_S.iter().flat_map(|horizon_s| {
+            let then = seen.after(recording, *horizon_s)[own];
+            [turn(&newest.upper, &then.upper), turn(&newest.fore, &then.fore)]
+        });
+        let mut outputs = [0.0; PREDICTION_OUTPUTS];
+        let values = turns.flat_map(|turn| [turn.x, turn.y, turn.z]);
+        outputs.iter_mut().zip(values).for_each(|(output, value)| *output = value as f32);
+        Row { inputs: prediction_inputs(&history(&frames, seen.rate_hz, own)), outputs }
+    }))
 }
 
 fn seen(rng: &mut Pcg64, at_s: f64) -> Seen {

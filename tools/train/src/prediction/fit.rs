@@ -1,98 +1,106 @@
-//! Ridge regression, weighted so that the mean of the errors becomes small, not that of their squares.
+//! Trains the perceptron by Adam. It has no constants, so its outputs vanish where nothing turns.
 //!
 //! ```text
-//! minimise  sum over rows  w |W x - y|^2  +  lambda sum over inputs  g |W_i|^2
-//! w = 1 / sqrt(|W' x - y|^2 + eps^2),   g the mean square of the input times the sum of w
+//! minimise  mean over rows, horizons h and limbs of  sqrt(|(N(x) - y) / s_h|^2 + eps^2)
 //! ```
 //!
-//! W' is the W of the previous round: iteratively reweighted least squares. With unweighted squares, only a
-//! person's fast moves would count.
+//! s_h is the root mean square turn after h. So each horizon counts alike, and a person's fast moves do not rule, as they
+//! would with squares.
 
-use super::data::Draw;
-use nalgebra::{DMatrix, Dyn, linalg::Cholesky};
-use rayon::prelude::*;
-use retarget::{HORIZONS_S, PREDICTION_OUTPUTS, Prediction};
+use super::data::{Recording, Row, rows};
+use crate::fit::{Fit, HALF, rounded};
+use perceptron::Dense;
+use rand_pcg::Pcg64;
+use retarget::{HORIZONS_S, PREDICTION_INPUTS, PREDICTION_WIDTHS, Prediction};
 
-/// Number of rounds. Each round except the first uses the weights of the previous one (assumption).
-const ROUNDS: usize = 4;
-/// Errors below this count by their squares, rad.
-const EPS_RAD: f64 = 0.01;
-/// Share of an input's own mean square that is added to it. Values from 0.02 to 0.1 differed by 0.05 degrees on
-/// the validation clips.
-const LAMBDA: f64 = 0.05;
+/// Peak learning rate (found on the validation clips).
+const RATE: f64 = 2e-3;
+/// Errors below this share of the mean turn count by their squares (assumption).
+const EPS: f32 = 0.05;
+/// Instants that scale inputs and outputs.
+const SCALE_DRAWS: usize = 4_000;
+/// Least root mean square of an input or a turn. Of recorded motion none is so small.
+const SCALE_MIN: f32 = 1e-4;
 
-/// Returns the map that fits the rows best. None if there are too few rows to determine it.
-pub fn fit(draw: &Draw) -> Option<Prediction> {
-    let rows = draw.outputs.first()?.len();
-    let mut weight = vec![1.0; rows];
-    let mut found = None;
-    for _ in 0..ROUNDS {
-        let map = solve(draw, &weight)?;
-        weight = weights(draw, &map);
-        found = Some(map);
-    }
-    let map = found?;
-    // Rows are inputs and columns are outputs. The file has them input by input.
-    let values: Vec<f32> = map.row_iter().flat_map(|row| row.iter().map(|x| *x as f32).collect::<Vec<_>>()).collect();
-    Prediction::new(&values).ok()
+/// A run. It is bit-reproducible for any number of threads.
+#[derive(Clone, Debug)]
+pub struct PredictionFit<'a> {
+    recordings: &'a [Recording],
+    fit: Fit,
+    /// Root mean square of each input, and of the turns after each horizon.
+    scales: ([f32; PREDICTION_INPUTS], [f32; HORIZONS_S.len()]),
 }
 
-/// Solves for W, with one row per input. One thread computes each number, so that any number of threads gives
-/// the same bits.
-fn solve(draw: &Draw, weight: &[f64]) -> Option<DMatrix<f64>> {
-    let inputs = draw.inputs.len();
-    let columns: Vec<(Vec<f64>, Vec<f64>)> = (draw.inputs.par_iter().enumerate())
-        .map(|(i, input)| {
-            let weighted: Vec<f64> = input.iter().zip(weight).map(|(x, w)| x * w).collect();
-            let gram = draw.inputs[..=i].iter().map(|other| dot(&weighted, other)).collect();
-            (gram, draw.outputs.iter().map(|output| dot(&weighted, output)).collect())
-        })
-        .collect();
-    let mut gram = DMatrix::from_fn(inputs, inputs, |i, j| columns[i.max(j)].0[i.min(j)]);
-    for i in 0..inputs {
-        gram[(i, i)] += LAMBDA * gram[(i, i)];
+impl<'a> PredictionFit<'a> {
+    /// Begins a run. `None` if all recordings are shorter than what is predicted.
+    pub fn new(recordings: &'a [Recording], steps: u64, seed: u64) -> Option<Self> {
+        let scales = scales(recordings, &mut Pcg64::new(u128::from(seed), 0x9ed1))?;
+        Some(Self { recordings, fit: Fit::new(&PREDICTION_WIDTHS, RATE, steps, seed), scales })
     }
-    let right = DMatrix::from_fn(inputs, draw.outputs.len(), |i, j| columns[i].1[j]);
-    let factor: Cholesky<f64, Dyn> = gram.cholesky()?;
-    Some(factor.solve(&right))
-}
 
-/// Returns one over the error of each row: its root mean square over horizons and limbs.
-fn weights(draw: &Draw, map: &DMatrix<f64>) -> Vec<f64> {
-    let rows = draw.outputs[0].len();
-    let squares = (0..PREDICTION_OUTPUTS).into_par_iter().map(|output| {
-        let mut off: Vec<f64> = draw.outputs[output].iter().map(|y| -y).collect();
-        for (input, by) in draw.inputs.iter().zip(map.column(output).iter()) {
-            off.iter_mut().zip(input).for_each(|(off, x)| *off += by * x);
+    /// Takes one step. Returns the mean error of its rows, over the root mean square turn.
+    pub fn step(&mut self) -> f64 {
+        let Self { recordings, fit, scales: (scales, turns) } = self;
+        let drawn = |rng: &mut Pcg64, inputs: &mut [f32]| -> Vec<Row> {
+            let drawn = std::iter::repeat_with(|| rows(recordings, rng)).flatten().flatten();
+            let drawn: Vec<Row> = drawn.take(HALF).collect();
+            for (row, to) in drawn.iter().zip(inputs.chunks_exact_mut(PREDICTION_INPUTS)) {
+                to.iter_mut().zip(row.inputs.iter().zip(&*scales)).for_each(|(to, (x, scale))| *to = x / scale);
+            }
+            drawn
+        };
+        let mean = fit.step(drawn, |drawn, outputs, by_output| {
+            let share = 3.0 / outputs.len() as f32;
+            let outputs = outputs.as_chunks::<3>().0.iter().zip(by_output.as_chunks_mut::<3>().0);
+            let wanted = drawn.iter().flat_map(|row| row.outputs.as_chunks::<3>().0.iter().enumerate());
+            let errors = outputs.zip(wanted).map(|((output, by), (i, turn))| {
+                // Two limbs at each horizon.
+                let off: [f32; 3] = std::array::from_fn(|axis| output[axis] - turn[axis] / turns[i / 2]);
+                let error = (off.iter().map(|x| x * x).sum::<f32>() + EPS * EPS).sqrt();
+                *by = off.map(|x| share * x / error);
+                f64::from(share * error)
+            });
+            errors.sum()
+        });
+        // Constants stay zero: a still person is predicted to stand still.
+        for layer in &fit.mlp.layers {
+            fit.adam.parameters[layer.bias.clone()].fill(0.0);
+            fit.adam.average[layer.bias.clone()].fill(0.0);
         }
-        off
-    });
-    let squares: Vec<Vec<f64>> = squares.collect();
-    let turns = (2 * HORIZONS_S.len()) as f64;
-    (0..rows)
-        .map(|row| {
-            let square: f64 = squares.iter().map(|off| off[row] * off[row]).sum();
-            1.0 / (square / turns + EPS_RAD * EPS_RAD).sqrt()
-        })
-        .collect()
+        mean
+    }
+
+    /// The averaged weights so far, for inputs and outputs as they are, as a file holds them.
+    pub fn layers(&self) -> Vec<Dense> {
+        let mut layers = self.fit.layers();
+        let [first, .., last] = layers.as_mut_slice() else { return layers };
+        for row in first.weight.chunks_exact_mut(PREDICTION_INPUTS) {
+            row.iter_mut().zip(&self.scales.0).for_each(|(weight, scale)| *weight /= scale);
+        }
+        for (i, row) in last.weight.chunks_exact_mut(last.inputs).enumerate() {
+            row.iter_mut().for_each(|weight| *weight *= self.scales.1[i / 6]);
+        }
+        rounded(layers)
+    }
+
+    pub fn prediction(&self) -> Prediction {
+        Prediction::new(&self.layers())
+    }
 }
 
-/// Sums in eight partial sums, so that the processor need not wait for each addition.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let (a, a_rest) = a.as_chunks::<8>();
-    let (b, b_rest) = b.as_chunks::<8>();
-    let mut sums = [0.0; 8];
-    for (a, b) in a.iter().zip(b) {
-        for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
-            *sum += a * b;
-        }
-    }
-    sums.iter().sum::<f64>() + a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum::<f64>()
+/// Measures the scales of [`PredictionFit`].
+fn scales(recordings: &[Recording], rng: &mut Pcg64) -> Option<([f32; PREDICTION_INPUTS], [f32; HORIZONS_S.len()])> {
+    let drawn: Vec<Row> = (0..SCALE_DRAWS).filter_map(|_| rows(recordings, rng)).flatten().collect();
+    let mean = |square: &dyn Fn(&Row) -> f32| drawn.iter().map(square).sum::<f32>() / drawn.len() as f32;
+    let root = |square: f32| square.sqrt().max(SCALE_MIN);
+    let inputs = std::array::from_fn(|i| root(mean(&|row| row.inputs[i] * row.inputs[i])));
+    let turn = |row: &Row, h: usize| row.outputs[6 * h..6 * h + 6].iter().map(|x| x * x).sum::<f32>() / 2.0;
+    (!drawn.is_empty()).then(|| (inputs, std::array::from_fn(|h| root(mean(&|row| turn(row, h))))))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Condition, Recording, draw, judge};
+    use super::super::{Condition, Recording, judge};
     use super::*;
     use crate::clips::Clip;
     use nalgebra::{UnitQuaternion, Vector3};
@@ -117,21 +125,28 @@ mod tests {
     #[test]
     fn fit_predicts_swing_of_unseen_pace_and_ignores_thread_count() {
         let known: Vec<Recording> = [0.6, 0.8, 1.2, 1.5].map(|hz| swinging(hz, 8.0)).into();
-        let learn = || fit(&draw(&known, 800, 1)).expect("enough rows");
-        let prediction = learn();
+        let learn = || {
+            let mut fit = PredictionFit::new(&known, 60, 1).expect("enough motion");
+            for _ in 0..60 {
+                fit.step();
+            }
+            fit
+        };
+        let fit = learn();
         let condition = Condition { name: "60_hz", rate_hz: 60.0, noise_deg: 0.0 };
-        let means = judge(&[swinging(1.0, 6.0)], &prediction, &condition);
+        let means = judge(&[swinging(1.0, 6.0)], &fit.prediction(), &condition);
         let [_, fades, learnt] = means.deg;
         for (learnt, fades) in learnt.iter().zip(fades) {
-            assert!(*learnt < 0.5 * fades, "{means}");
+            assert!(*learnt < 0.5 * fades, "{means:?}");
         }
         let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool").install(learn);
-        assert_eq!(alone, prediction);
+        assert_eq!(alone.layers(), fit.layers());
+        assert!(fit.layers().iter().flat_map(|layer| &layer.bias).all(|bias| *bias == 0.0), "who stands, stands");
     }
 
     #[test]
     fn fit_without_enough_motion_returns_none() {
-        assert_eq!(fit(&draw(&[], 100, 1)), None);
-        assert_eq!(fit(&draw(&[swinging(1.0, 0.3)], 100, 1)), None, "shorter than what is predicted");
+        assert!(PredictionFit::new(&[], 1, 1).is_none());
+        assert!(PredictionFit::new(&[swinging(1.0, 0.3)], 1, 1).is_none(), "shorter than what is predicted");
     }
 }

@@ -5,7 +5,6 @@ use nalgebra::UnitQuaternion;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use retarget::{AGES_S, Extrapolation, Limbs, Prediction, limb_error_deg};
-use std::fmt;
 
 /// Judged times after the newest frame, s.
 pub const JUDGED_S: [f64; 6] = [0.06, 0.1, 0.16, 0.2, 0.3, 0.4];
@@ -68,7 +67,7 @@ fn of_one(recording: &Recording, prediction: &Prediction, condition: &Condition)
             let newest = frames[0][own];
             let over = (RATE_OVER_S * condition.rate_hz).ceil();
             let before = (&frames[over as usize][own], (over / condition.rate_hz * 1e9) as i64);
-            let learnt = prediction.turns(&history(&frames, condition.rate_hz, own));
+            let [learnt] = prediction.turns(&[history(&frames, condition.rate_hz, own)]);
             let fades = Extrapolation::fading(&newest, Some(before));
             let kinds = [Extrapolation::default(), fades, learnt.map_or(fades, |turns| Extrapolation::learnt(&turns))];
             for (i, ahead_s) in JUDGED_S.iter().enumerate() {
@@ -90,23 +89,5 @@ impl Means {
         let ahead_ms = JUDGED_S.map(|ahead_s| (ahead_s * 1e3).round()).to_vec().into();
         let rows = KINDS.iter().zip(&self.deg).map(|(name, degrees)| ((*name).to_owned(), rounded(degrees)));
         std::iter::once(("ahead_ms".to_owned(), ahead_ms)).chain(rows).collect()
-    }
-}
-
-impl fmt::Display for Means {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:<32}", self.name)?;
-        for ahead_s in JUDGED_S {
-            write!(f, " {:>7}", format!("{:.0} ms", 1e3 * ahead_s))?;
-        }
-        writeln!(f)?;
-        for (name, degrees) in KINDS.iter().zip(&self.deg) {
-            write!(f, "  {name:<30}")?;
-            for deg in degrees {
-                write!(f, " {deg:>7.2}")?;
-            }
-            writeln!(f)?;
-        }
-        Ok(())
     }
 }
