@@ -7,8 +7,8 @@ use serde_json::json;
 use view::RobotView;
 
 /// Robots of config/robots, from 0.7 m to 1.8 m high.
-const ROBOTS: [&str; 7] =
-    ["tiago_dual", "unitree_g1", "openarm_v10", "franka_fr3_duo", "rby1a", "unitree_h1", "ur5e_pair"];
+const ROBOTS: &str = "tiago_dual unitree_g1 openarm_v10 franka_fr3_duo rby1a unitree_h1 ur5e_pair \
+                      viperx_pair";
 /// A laptop and a phone.
 const SIZES: [[u32; 2]; 2] = [[1280, 720], [390, 844]];
 /// The closed form needs no weights.
@@ -21,7 +21,7 @@ fn every_shipped_robot_is_in_the_frame_with_the_person() {
     let folder = tempfile::tempdir().expect("a folder");
     let config = folder.path().join("teleop.toml");
     harness::write_settings(&harness::config(), METHOD, &config).expect("settings");
-    for name in ROBOTS {
+    for name in ROBOTS.split(' ') {
         let overrides = Overrides { engage_without_realtime: true, robot: Some(name.into()), ..Overrides::default() };
         let loaded = config::load(&config, overrides).unwrap_or_else(|error| panic!("{name}: {error}"));
         let view = RobotView::load(&loaded, None).expect("a look or none");
