@@ -5,8 +5,8 @@ use pulp::{Arch, Scalar128b, Simd};
 
 use crate::kernel::Pass;
 
-/// Widest layer that the fixed buffers hold, inputs included: those of the prediction, and the rest of their cache line.
-pub const WIDTH_MAX: usize = 576;
+/// Widest layer that the fixed buffers hold, inputs included: the 558 of the prediction, in whole cache lines.
+pub const WIDTH_MAX: usize = 560;
 /// Widest layer that the smaller buffers hold: the paper's.
 const WIDTH_USUAL: usize = 128;
 

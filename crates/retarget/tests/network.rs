@@ -101,7 +101,7 @@ const CASES: &[Case] = &[
     ("other width in the manifest", "expected F16", |_, m| set(m, "hidden_width", "25")),
     ("no hidden layer", "hidden_layers is 0", |_, m| set(m, "hidden_layers", "0")),
     ("too many layers", "hidden_layers is 17", |_, m| set(m, "hidden_layers", "17")),
-    ("too wide", "hidden_width is 577", |_, m| set(m, "hidden_width", "577")),
+    ("too wide", "hidden_width is 561", |_, m| set(m, "hidden_width", "561")),
     ("not a number", "NaN", |bytes, m| set_float(bytes, m, 0x7e00)),
     ("infinite", "inf", |bytes, m| set_float(bytes, m, 0x7c00)),
     ("foreign robot", "robot is \"other\"", |_, m| set(m, "robot", "\"other\"")),
