@@ -3,6 +3,7 @@
 
 use crate::save;
 use crate::tarball::{self, Version};
+use std::ffi::OsStr;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -34,7 +35,9 @@ pub fn write(root: &Path, programs: &Path, out: &Path, settings: &str, any_glibc
     let (from, to) = (programs.join(program), staged.join("data/scripts").join(name));
     tarball::refuse_new_glibc(&from, GLIBC_MAX, any_glibc)?;
     copy(&from, &to)?;
-    run(Command::new("strip").arg(&to), "it is a part of binutils")?;
+    if !programs.ends_with(SMALL) {
+        run(Command::new("strip").arg(&to), "it is a part of binutils")?;
+    }
     let bytes = std::fs::read(&to).map_err(failed(&to))?;
     let newest = tarball::newest_glibc(&bytes).unwrap_or(GLIBC_MAX).max(GLIBC_MAX);
     for name in NAMES {
@@ -62,7 +65,10 @@ pub fn write(root: &Path, programs: &Path, out: &Path, settings: &str, any_glibc
     save(&staged.join("pyproject.toml"), &text)?;
     // The extension is built as the programs were.
     let profile = if programs.ends_with(SMALL) { SMALL } else { "release" };
-    let wheel = build(&staged, profile, newest, any_glibc)?;
+    let folder = programs.parent().and_then(Path::file_name).and_then(OsStr::to_str);
+    let own = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
+    let target = folder.filter(|name| name.ends_with("-linux-gnu")).unwrap_or(&own);
+    let wheel = build(&staged, profile, newest, (!any_glibc).then_some(target))?;
     let bytes = wheel.metadata().map_err(failed(&wheel))?.len();
     match bytes {
         BYTES_MAX.. if profile == SMALL => Err(format!("{}: {bytes} bytes, at most {BYTES_MAX}", wheel.display())),
@@ -70,13 +76,13 @@ pub fn write(root: &Path, programs: &Path, out: &Path, settings: &str, any_glibc
     }
 }
 
-/// Calls maturin. A wheel for every machine is linked by zig.
-fn build(staged: &Path, profile: &str, [major, minor]: Version, any_glibc: bool) -> Result<PathBuf, String> {
+/// Calls maturin. A wheel for every machine of a target is linked by zig.
+fn build(staged: &Path, profile: &str, [major, minor]: Version, target: Option<&str>) -> Result<PathBuf, String> {
     let mut maturin = Command::new("maturin");
     maturin.args(["build", "--strip", "--compression-level", "9", "--out", "wheels", "--profile", profile]);
     maturin.arg("--compatibility").arg(format!("manylinux_{major}_{minor}")).current_dir(staged);
-    if !any_glibc {
-        maturin.args(["--zig", "--target", &format!("{}-unknown-linux-gnu", std::env::consts::ARCH)]);
+    if let Some(target) = target {
+        maturin.args(["--zig", "--target", target]);
     }
     run(&mut maturin, "pip install maturin ziglang")?;
     let wheels = tarball::files_of(&staged.join("wheels"))?;

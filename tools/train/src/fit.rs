@@ -5,10 +5,8 @@ use crate::optimiser::{Adam, Schedule};
 use perceptron::Dense;
 use rand_pcg::Pcg64;
 
-/// Rows of each step.
-pub const BATCH: usize = 512;
-/// Rows that one thread draws.
-pub const HALF: usize = BATCH / 2;
+/// Rows of half a step, which one thread draws.
+pub const HALF: usize = 256;
 
 /// One thread's half of a batch.
 #[derive(Clone, Debug)]

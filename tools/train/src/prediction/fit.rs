@@ -19,8 +19,6 @@ const RATE: f64 = 2e-3;
 const EPS: f32 = 0.05;
 /// Instants that scale inputs and outputs.
 const SCALE_DRAWS: usize = 4_000;
-/// Least root mean square of an input or a turn. Of recorded motion none is so small.
-const SCALE_MIN: f32 = 1e-4;
 
 /// A run. It is bit-reproducible for any number of threads.
 #[derive(Clone, Debug)]
@@ -92,7 +90,7 @@ impl<'a> PredictionFit<'a> {
 fn scales(recordings: &[Recording], rng: &mut Pcg64) -> Option<([f32; PREDICTION_INPUTS], [f32; HORIZONS_S.len()])> {
     let drawn: Vec<Row> = (0..SCALE_DRAWS).filter_map(|_| rows(recordings, rng)).flatten().collect();
     let mean = |square: &dyn Fn(&Row) -> f32| drawn.iter().map(square).sum::<f32>() / drawn.len() as f32;
-    let root = |square: f32| square.sqrt().max(SCALE_MIN);
+    let root = |square: f32| square.sqrt().max(f32::MIN_POSITIVE);
     let inputs = std::array::from_fn(|i| root(mean(&|row| row.inputs[i] * row.inputs[i])));
     let turn = |row: &Row, h: usize| row.outputs[6 * h..6 * h + 6].iter().map(|x| x * x).sum::<f32>() / 2.0;
     (!drawn.is_empty()).then(|| (inputs, std::array::from_fn(|h| root(mean(&|row| turn(row, h))))))
