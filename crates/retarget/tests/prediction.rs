@@ -33,8 +33,8 @@ fn walks(t_s: f64) -> [Limbs; 2] {
 
 /// Both arms stir around the vertical, faster than any recorded one.
 fn stirs(t_s: f64) -> [Limbs; 2] {
-    let around = turn(Vector3::z(), 8.0 * t_s);
-    let upper = around * turn(Vector3::y(), 1.0) * around.inverse();
+    let yaw = turn(Vector3::z(), 8.0 * t_s);
+    let upper = yaw * turn(Vector3::y(), 1.0) * yaw.inverse();
     [Limbs { upper, fore: turn(Vector3::z(), 0.7) * upper }; 2]
 }
 

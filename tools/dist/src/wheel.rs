@@ -35,7 +35,9 @@ pub fn write(root: &Path, programs: &Path, out: &Path, settings: &str, any_glibc
     let (from, to) = (programs.join(program), staged.join("data/scripts").join(name));
     tarball::refuse_new_glibc(&from, GLIBC_MAX, any_glibc)?;
     copy(&from, &to)?;
-    if !programs.ends_with(SMALL) {
+    // The extension is built as the programs were. cargo has stripped small ones.
+    let profile = if programs.ends_with(SMALL) { SMALL } else { "release" };
+    if profile != SMALL {
         run(Command::new("strip").arg(&to), "it is a part of binutils")?;
     }
     let bytes = std::fs::read(&to).map_err(failed(&to))?;
@@ -63,8 +65,6 @@ pub fn write(root: &Path, programs: &Path, out: &Path, settings: &str, any_glibc
     let text = std::fs::read_to_string(&project).map_err(failed(&project))?;
     let text = text.replace("\"Cargo.toml\"", &format!("\"{}\"", manifest.display()));
     save(&staged.join("pyproject.toml"), &text)?;
-    // The extension is built as the programs were.
-    let profile = if programs.ends_with(SMALL) { SMALL } else { "release" };
     let folder = programs.parent().and_then(Path::file_name).and_then(OsStr::to_str);
     let own = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
     let target = folder.filter(|name| name.ends_with("-linux-gnu")).unwrap_or(&own);

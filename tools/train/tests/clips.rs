@@ -38,9 +38,8 @@ fn clips_are_read_with_the_options_of_the_command() {
     let load = LoadOptions { frame_rate_hz: Some(30.0), ..LoadOptions::default() };
     let clips = Clips::read(&[folder.path()], CalibrationMode::Rig, &load).expect("three clips");
     assert_eq!(clips.training.iter().map(|clip| clip.frame_rate_hz).collect::<Vec<_>>(), [30.0, 30.0]);
-    // Of a further folder no clip is kept for validation.
     let clips = Clips::read(&[folder.path(); 2], CalibrationMode::Rig, &load).expect("six clips");
-    assert_eq!([clips.training.len(), clips.validation.len()], [5, 1]);
+    assert_eq!([clips.training.len(), clips.validation.len()], [5, 1], "a further folder trains");
     let load = LoadOptions { mirror: true, ..LoadOptions::default() };
     let text = Clips::read(&[folder.path()], CalibrationMode::Rig, &load).expect_err("no mirror image").to_string();
     assert!(text.contains("--mirror is given, but the body is not mirrored"), "{text}");
