@@ -5,19 +5,15 @@ use crate::support;
 use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
-use robot::{Frames, Model};
+use robot::Frames;
 use support::{JOINTS, shipped, uniform};
 
 const VECTORS: &str = include_str!("data/fk_vectors.txt");
 
-fn joint_links(model: &Model) -> Vec<String> {
-    model.joint_names.iter().map(|name| name.replace("_joint", "_link")).collect()
-}
-
 #[test]
 fn forward_kinematics_match_independent_implementation() {
     let model = shipped();
-    let links = joint_links(&model);
+    let links: Vec<_> = model.joint_names.iter().map(|name| name.replace("_joint", "_link")).collect();
     let mut frames = Frames::default();
     let (mut configurations, mut poses) = (0, 0);
     for line in VECTORS.lines().filter(|line| !line.starts_with('#')) {

@@ -4,7 +4,7 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use wbc::qp::{ActiveSet, Problem, ROWS_MAX, STEPS_MAX, Solution, Status, UNKNOWNS, solve};
+use wbc::qp::{ActiveSet, Problem, ROWS_MAX, STEPS_MAX, Status, UNKNOWNS, solve};
 
 /// Unknowns of a problem: the joints of TIAGo++.
 const COUNT: usize = 17;
@@ -98,17 +98,13 @@ fn violation(problem: &Problem, z: &[f64]) -> f64 {
     worst
 }
 
-fn solved(problem: &Problem) -> Solution {
-    solve(problem, &mut ActiveSet::default())
-}
-
 #[test]
 fn f047_random_problems_match_another_solver() {
     let mut rng = Pcg64::seed_from_u64(4);
     let (mut feasible, mut infeasible, mut bound, mut gave_up, mut most) = (0, 0, 0, 0, 0);
     for n in 0..10_000 {
         let problem = random(&mut rng);
-        let own = solved(&problem);
+        let own = solve(&problem, &mut ActiveSet::default());
         let (status, z) = oracle(&problem);
         most = most.max(own.steps);
         if own.status == Status::Infeasible {
