@@ -10,7 +10,7 @@ pub use authority::{Authority, ClientIdentity, Door};
 pub use policy::PolicyState;
 
 use layouts::{LastImage, Layouts, Lengths, Lifter, Map, Noise, NoiseState, Refusal};
-use messages::{RawSkeleton, Stamp};
+use messages::{RawSkeleton, Stamp, skeleton_flag};
 use serde::{Deserialize, Serialize};
 use skeleton::{Calibration, DropReason, Output};
 
@@ -78,7 +78,8 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -
     };
     let bounds = if camera { &config.seen } else { &config.measured };
     let (mut other_ns, mut last) = (Some(bounds.distrust_after_ns), state.image);
-    if let Some((lifter, image)) = config.lifter.as_ref().zip(map.and_then(|map| map.image(raw))) {
+    let image = map.and_then(|map| map.image(raw));
+    if let Some((lifter, image)) = config.lifter.as_ref().zip(image) {
         let begun = if state.other_since == Stamp::NONE { now } else { state.other_since };
         // The bounds rise until the first image of the other person, and not while that person stays in view.
         if last.is_other(&image, begun, &frame) {
@@ -102,7 +103,8 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -
         return state.skeleton.refuse(DropReason::LengthChange);
     }
     let mut out = skeleton::tick(bounds, &mut state.skeleton, now, skeleton::Input { raw: &frame, stored });
-    if let Some(skeleton) = &out.skeleton {
+    if let Some(skeleton) = &mut out.skeleton {
+        skeleton.flags |= if image.is_some() { skeleton_flag::ONE_CAMERA } else { 0 };
         // A refused frame's stamps may lie anywhere, so it leaves no trace.
         (state.image, state.other_since) = (last, Stamp::NONE);
         if skeleton.operator_id != state.person {

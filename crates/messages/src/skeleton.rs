@@ -164,6 +164,8 @@ pub mod skeleton_flag {
     pub const IMAGE: u32 = 4096;
     /// The closure of the left and the right hand is known.
     pub const CLOSURE: [u32; 2] = [8192, 16384];
+    /// One camera sees the person, and the images have no depth.
+    pub const ONE_CAMERA: u32 = 32768;
 }
 
 message! {

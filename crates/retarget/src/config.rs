@@ -58,6 +58,9 @@ schema::table! {
         /// Time from the capture of a person to the command that stands for it, ms. A longer delay brings the
         /// robot nearer to the person's motion.
         following_delay_ms: f64 = 120.0, in [0.0, DELAY_MAX_MS];
+        /// The same delay where one camera without depth sees the person. What it guesses trembles, so more of it is
+        /// waited for.
+        camera_following_delay_ms: f64 = 180.0, in [0.0, DELAY_MAX_MS];
         /// Arms of the robot that follow, with their hands: `"both"`, `"left"` or `"right"`. The other arm keeps its home
         /// posture.
         arms: FollowingArms = FollowingArms::Both;
@@ -70,6 +73,13 @@ schema::table! {
         /// Network that predicts how a person goes on, as a path without extension, relative to the settings file. It names
         /// `FILE.safetensors` and `FILE.toml`. With `""` there is none, and the turn of each limb fades.
         prediction: String = "../weights/prediction".to_owned();
+    }
+}
+
+impl Settings {
+    /// Delays behind a person who is measured, and behind one whom one camera sees, ms.
+    pub fn following_delays_ms(&self) -> [f64; 2] {
+        [self.following_delay_ms, self.camera_following_delay_ms]
     }
 }
 
@@ -122,7 +132,8 @@ pub struct Config {
     pub(crate) wrists: [PointingJoints; ARMS],
     pub(crate) head: Option<PointingJoints>,
     pub(crate) prediction: Option<Prediction>,
-    pub(crate) delay_ns: u64,
+    /// [`Settings::following_delays_ms`] in ns.
+    pub(crate) delays_ns: [u64; 2],
     pub(crate) follows: [bool; ARMS],
     pub(crate) correction: Correction,
     pub(crate) lift: Option<Lift>,
@@ -150,7 +161,7 @@ impl Config {
             wrists: robot.wrists,
             head: robot.head,
             prediction: None,
-            delay_ns: (settings.following_delay_ms * 1e6) as u64,
+            delays_ns: settings.following_delays_ms().map(|ms| (ms * 1e6) as u64),
             follows: settings.arms.sides(),
             lift: robot.lift.filter(|_| settings.lift_follows),
             correction: Correction { robot: robot.proportions, weight: settings.contact_weight },

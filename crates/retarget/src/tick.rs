@@ -82,6 +82,8 @@ pub struct State {
     change: PersonChange,
     /// The newest skeleton holds the clutch.
     clutch: bool,
+    /// It is what one camera sees.
+    one_camera: bool,
     counters: Counters,
     trajectory: LimbTrajectory,
 }
@@ -124,7 +126,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
         accept_skeleton(config, state, now, skeleton);
     }
     forget(state, now);
-    let playhead = state.clock.advance(now, config.delay_ns);
+    let playhead = state.clock.advance(now, config.delays_ns[usize::from(state.one_camera)]);
     let [left, right] = &mut state.tracks;
     let shown = [left, right].map(|track| track.show(playhead, now));
     if !state.head.is_fresh(now) {
@@ -233,6 +235,7 @@ fn accept_skeleton(config: &Config, state: &mut State, now: Stamp, skeleton: &Sk
     };
     state.counters.skeletons += 1;
     state.clutch = skeleton.flags & skeleton_flag::CLUTCH != 0;
+    state.one_camera = skeleton.flags & skeleton_flag::ONE_CAMERA != 0;
     let counters = &mut state.counters;
     let arms = [0, 1].map(|arm| config.follows[arm].then(|| human_arm(skeleton, arm, counters)).flatten());
     if placed.restart {

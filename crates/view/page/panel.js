@@ -26,7 +26,7 @@ export class Panel {
     this.scene = scene;
     this.lag = null;
     const { limits } = scene;
-    for (const [name, limit] of [["behind", limits.behind_deg], ["delay", limits.delay_ms], ["clearance", limits.clearance_mm]]) {
+    for (const [name, limit] of [["behind", limits.behind_deg], ["delay", limits.delays_ms[0]], ["clearance", limits.clearance_mm]]) {
       this.lines[name].clear();
       this.lines[name].limit = limit;
     }
@@ -42,7 +42,8 @@ export class Panel {
     const heard = (frame.present & PRESENT.command) !== 0;
     if ((frame.present & PRESENT.lag) !== 0) this.lag = frame.lag;
     if (!heard) this.lag = null;
-    frame.delay = this.lag === null ? null : this.scene.limits.delay_ms + this.lag;
+    const delay = this.scene.limits.delays_ms[(frame.present & PRESENT.oneCamera) === 0 ? 0 : 1];
+    frame.delay = this.lag === null ? null : delay + this.lag;
     const person = heard && (frame.present & PRESENT.person) !== 0;
     this.lines.behind.add(frame.at, person ? frame.limbMeasured : null);
     this.lines.delay.add(frame.at, person ? frame.delay : null);

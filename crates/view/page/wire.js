@@ -4,7 +4,7 @@
 export const VERSION = 6;
 export const FIELDS = ["version", "at", "mode", "present", "age", "late", "clearance", "pairA", "pairB", "limbTarget",
   "limbMeasured", "speed", "targetMask", "lag", "gripLeft", "gripRight", "forceLeft", "forceRight"];
-export const PRESENT = { person: 1, measured: 2, target: 4, command: 8, pair: 16, lag: 32, otherRobot: 64 };
+export const PRESENT = { person: 1, measured: 2, target: 4, command: 8, pair: 16, lag: 32, otherRobot: 64, oneCamera: 128 };
 const PERSON = 22, TURNS = 14, POSE = 7;
 // Time before the next attempt to connect, ms.
 const AGAIN = 500;

@@ -29,6 +29,8 @@ pub mod present {
     pub const LAG: u32 = 32;
     /// The newest messages are about another robot. Nothing of it is shown.
     pub const OTHER_ROBOT: u32 = 64;
+    /// The person is seen by one camera without depth.
+    pub const ONE_CAMERA: u32 = 128;
 }
 
 /// Fields at the start of a frame, in order. The lists follow them.
@@ -163,7 +165,10 @@ pub fn encode(model: &Model, frames: &mut Frames, heard: &LatestMessages, at_s: 
         set(Field::TargetMask, f64::from(target.valid_mask));
         core::array::from_fn(|j| if target.valid_mask & 1 << j == 0 { measured[j] } else { target.q[j] })
     });
-    bits |= if heard.skeleton.is_some() { present::PERSON } else { 0 };
+    bits |= heard.skeleton.map_or(0, |person| match person.flags & skeleton_flag::ONE_CAMERA {
+        0 => present::PERSON,
+        _ => present::PERSON | present::ONE_CAMERA,
+    });
     bits |= if heard.state.is_some() { present::MEASURED } else { 0 };
     let command = heard.command.map(|command| command.q);
     model.forward(&measured, frames);

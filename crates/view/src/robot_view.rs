@@ -38,8 +38,8 @@ pub struct RobotView {
     pub folder: Option<Arc<MeshFolder>>,
     /// Names of mesh files that are not in the folder.
     pub missing: Vec<String>,
-    /// Delay of the command behind the person that follows from the settings, ms.
-    pub following_delay_ms: f64,
+    /// `retarget::Settings::following_delays_ms`.
+    pub following_delays_ms: [f64; 2],
 }
 
 impl RobotView {
@@ -53,7 +53,7 @@ impl RobotView {
             meshes: Vec::new(),
             folder: None,
             missing: Vec::new(),
-            following_delay_ms: loaded.settings.retarget.following_delay_ms,
+            following_delays_ms: loaded.settings.retarget.following_delays_ms(),
         };
         if let Some(folder) = folder {
             view.find_meshes(folder)?;

@@ -30,7 +30,7 @@ pub fn scene(view: &RobotView) -> Value {
         "limits": {
             "clearance_mm": model.d_min_m * 1e3,
             "behind_deg": explain::BEHIND_DEG,
-            "delay_ms": view.following_delay_ms,
+            "delays_ms": view.following_delays_ms,
         },
         "person": { "names": SMPL_NAMES, "parents": SMPL_PARENT },
     })

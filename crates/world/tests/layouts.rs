@@ -142,7 +142,9 @@ fn f016_another_person_in_the_image_is_a_new_one_whatever_the_stamps() {
             raw.header.origin = Stamp((seen_ms + more_ms) * 1_000_000);
             // A later frame does not overtake.
             now = now.max(Stamp((seen_ms + lag_ms) * 1_000_000));
-            match ingest::tick(&settings, &mut state, now, &raw).skeleton {
+            let person = ingest::tick(&settings, &mut state, now, &raw).skeleton;
+            assert!(person.is_none_or(|person| person.flags & messages::skeleton_flag::ONE_CAMERA != 0));
+            match person {
                 Some(skeleton) if is_second => second = second.or(Some(skeleton.operator_id)),
                 Some(skeleton) => first = Some(skeleton.operator_id),
                 None => refused += 1,

@@ -95,8 +95,9 @@ fn check(config: &Config, now: Stamp, drift_max_ns: u64, raw: &RawSkeleton, pers
         assert!((norm - 1.0).abs() <= 1e-6, "part {part} has norm {norm}");
     }
     let both = |[left, right]: [u32; 2]| left | right;
-    let hands = both(skeleton_flag::HAND) | both(skeleton_flag::CLOSURE);
-    let known = skeleton_flag::ALL | skeleton_flag::CALIBRATED | PersonChange::FLAGS | hands | skeleton_flag::HEAD;
+    let parts = both(skeleton_flag::HAND) | both(skeleton_flag::CLOSURE) | skeleton_flag::HEAD;
+    let known =
+        skeleton_flag::ALL | skeleton_flag::CALIBRATED | PersonChange::FLAGS | parts | skeleton_flag::ONE_CAMERA;
     assert!(person.closure.iter().all(|closure| (0.0..=1.0).contains(closure)), "{:?}", person.closure);
     assert_eq!(person.flags & !known, 0);
 }
