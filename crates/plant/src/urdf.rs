@@ -114,6 +114,13 @@ impl Urdf {
         if urdf.links.is_empty() {
             return Err(PlantError::missing(file, "robot/link"));
         }
+        // A base that floats is where the file has it.
+        let below: Vec<String> = urdf.joints.iter().map(|joint| joint.child.clone()).collect();
+        for joint in &mut urdf.joints {
+            if joint.kind == "floating" && !below.contains(&joint.parent) {
+                joint.kind = "fixed".into();
+            }
+        }
         Ok(urdf)
     }
 

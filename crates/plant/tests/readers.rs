@@ -34,8 +34,10 @@ fn robots() -> Vec<(&'static str, String)> {
     let endless = edit(HERON, "port_e\"", "type=\"revolute\"", "type=\"continuous\"");
     let endless = edit(&endless, "starboard_e\"", "type=\"revolute\"", "type=\"continuous\"");
     let unknown = HERON.replace("velocity=\"3.0\"", "velocity=\"1e9\" acceleration=\"50\" jerk=\"900\"");
+    let heavy = edit(HERON, "floor_plate\"", "mass value=\"", "mass value=\"10");
     vec![
         ("as it is", HERON.to_owned()),
+        ("a heavy base that floats", edit(&heavy, "plate_to_post\"", "type=\"fixed\"", "type=\"floating\"")),
         ("quaternions", shoulders("0.4")),
         ("fingers", HERON.replacen("</robot>", FINGERS, 1)),
         ("axes of other lengths", HERON.replace("xyz=\"0 1 0\"", "xyz=\"0 0.7 0\"")),

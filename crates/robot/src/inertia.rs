@@ -6,10 +6,10 @@ use crate::pose::Pose;
 use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 
-/// Largest mass of a link, kg. No link of a robot for such motions is heavier.
-const MASS_MAX_KG: f64 = 500.0;
+/// Largest mass of a link, kg. A base that is bolted down may be said to weigh 1,000 (Nextage).
+const MASS_MAX_KG: f64 = 2_000.0;
 /// Largest inertia of a link, kg m^2: that mass at 2 m.
-const INERTIA_MAX_KG_M2: f64 = 2_000.0;
+const INERTIA_MAX_KG_M2: f64 = 8_000.0;
 /// Inertia below zero that is rounding. Assumption: far below that of any link, 1 g at 1 mm.
 const ROUNDING_KG_M2: f64 = 1e-12;
 /// Largest distance of a link's centre, 100 m. No part of one robot reaches farther.

@@ -42,12 +42,17 @@ impl Urdf {
             }
         }
         RobotError::all(errors)?;
-        let ((links, link_lines), (joints, joint_lines)): ((Vec<_>, _), (Vec<_>, _)) =
+        let ((links, link_lines), (mut joints, joint_lines)): ((Vec<_>, _), (Vec<_>, _)) =
             (links.into_iter().unzip(), joints.into_iter().unzip());
         let materials = root.all("material").map(material).collect();
         let name = root.attribute("name").unwrap_or_default().to_owned();
-        let children: Vec<&String> = joints.iter().map(|joint: &Joint| &joint.child.link).collect();
-        let roots = links.iter().filter(|link: &&Link| !children.contains(&&link.name)).count();
+        let children: Vec<String> = joints.iter().map(|joint: &Joint| joint.child.link.clone()).collect();
+        let roots = links.iter().filter(|link: &&Link| !children.contains(&link.name)).count();
+        // A floating base stands where the file has it: nothing here moves it.
+        let free = |joint: &Joint| joint.joint_type == JointType::Floating && !children.contains(&joint.parent.link);
+        for joint in joints.iter_mut().filter(|joint| free(joint)) {
+            joint.joint_type = JointType::Fixed;
+        }
         if let Some(macros) = macros.filter(|_| roots != 1) {
             return Err(place(macros).syntax(XACRO.into()));
         }

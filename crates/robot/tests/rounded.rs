@@ -8,17 +8,17 @@ fn drafted(urdf: &str) -> String {
 }
 
 #[test]
-fn axes_that_mirror_within_a_thousandth_are_mirror_images() {
+fn axes_that_mirror_within_rounding_are_mirror_images() {
     let turned = |angle: f64| {
         let origin = format!("<origin xyz=\"0 -0.17 0.18\" rpy=\"0 0 {angle}\"/>");
         edit(HERON, "starboard_a\"", "<origin xyz=\"0 -0.17 0.18\" rpy=\"0 0 0\"/>", &origin)
     };
-    for angle in [1e-8, 2e-6, 9e-4] {
+    for angle in [1e-8, 2e-6, 4e-3] {
         let model = with_capsule(&drafted(HERON), &turned(angle)).unwrap_or_else(|error| panic!("{error}"));
         assert_eq!(Vec::from_iter(model.arms[1].joint_signs()), [1.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0]);
     }
-    let error = with_capsule(&drafted(HERON), &turned(2e-3)).unwrap_err().to_string();
-    assert!(error.contains("`starboard_a`: deviation of the axis") && error.contains("within 1e-3"), "{error}");
+    let error = with_capsule(&drafted(HERON), &turned(6e-3)).unwrap_err().to_string();
+    assert!(error.contains("`starboard_a`: deviation of the axis") && error.contains("within 5e-3"), "{error}");
 }
 
 #[test]
