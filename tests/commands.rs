@@ -88,14 +88,8 @@ fn is_command(line: &str) -> bool {
 /// Splits a command into words like the shell, with double quotes.
 pub fn words(command: &str) -> Vec<String> {
     let parts = command.split('"').enumerate();
-    parts
-        .flat_map(|(i, part)| {
-            let quoted = i % 2 == 1;
-            let words: Vec<String> =
-                if quoted { vec![part.to_owned()] } else { part.split_whitespace().map(str::to_owned).collect() };
-            words
-        })
-        .collect()
+    let words = parts.flat_map(|(i, part)| if i % 2 == 1 { vec![part] } else { part.split_whitespace().collect() });
+    words.map(str::to_owned).collect()
 }
 
 /// Returns the commands that a document's prose and tables have in backquotes. A name alone is no command.

@@ -8,7 +8,7 @@ mod kernel;
 mod network;
 mod weights;
 
-pub use network::{Dense, Level, Perceptron, WIDTH_MAX};
+pub use network::{Dense, Level, Perceptron, WIDTH_MAX, plain};
 pub use weights::{
     HEADER_MAX_BYTES, WeightsError, WriteError, key, must, must_match, open, read_networks, read_tensor, rounded,
     sha256_hex, write_layers,

@@ -212,6 +212,20 @@ impl Perceptron {
     }
 }
 
+/// Computes every layer as a sum of products. x / (1 + e^-x) follows every layer except the last.
+pub fn plain(layers: &[Dense], input: &[f64]) -> Vec<f64> {
+    let mut x = input.to_vec();
+    for (i, layer) in layers.iter().enumerate() {
+        let rows = layer.weight.chunks_exact(layer.inputs).zip(&layer.bias);
+        let sum = |(row, bias): (&[f32], &f32)| {
+            f64::from(*bias) + row.iter().zip(&x).map(|(w, x)| f64::from(*w) * x).sum::<f64>()
+        };
+        let hidden = i + 1 < layers.len();
+        x = rows.map(sum).map(|y| if hidden { y / (1.0 + (-y).exp()) } else { y }).collect();
+    }
+    x
+}
+
 /// Number of lines in the next panel of a layer with `remain` lines left, for vectors of `lanes` numbers. A panel has
 /// at most eight vectors of 16 numbers, or four shorter ones. The processor has half as many registers for those.
 #[inline(always)]

@@ -1,22 +1,8 @@
-//! One perceptron of many shapes, at every vector level, compared with sums in f64.
+//! One perceptron of many shapes, at every vector level, compared with `plain`, sums in f64.
 
-use perceptron::{Dense, Level, Perceptron, WIDTH_MAX};
+use perceptron::{Dense, Level, Perceptron, WIDTH_MAX, plain};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-
-/// Computes every layer as a sum of products. x / (1 + e^-x) follows every layer except the last.
-fn sums(layers: &[Dense], input: &[f64]) -> Vec<f64> {
-    let mut x = input.to_vec();
-    for (i, layer) in layers.iter().enumerate() {
-        let rows = layer.weight.chunks_exact(layer.inputs).zip(&layer.bias);
-        let sum = |(row, bias): (&[f32], &f32)| {
-            f64::from(*bias) + row.iter().zip(&x).map(|(w, x)| f64::from(*w) * x).sum::<f64>()
-        };
-        let hidden = i + 1 < layers.len();
-        x = rows.map(sum).map(|y| if hidden { y / (1.0 + (-y).exp()) } else { y }).collect();
-    }
-    x
-}
 
 /// Random layers of unit gain.
 fn random_layers(seed: u64, widths: &[usize]) -> Vec<Dense> {
@@ -56,7 +42,7 @@ fn check<const I: usize, const O: usize>(hidden: &[usize]) {
         let output = network.forward::<I, O, 3>(&input);
         let name = format!("{widths:?} {}", level.name());
         for n in 0..3 {
-            let off = difference(&output[n], &sums(&layers, &input[n].map(f64::from)));
+            let off = difference(&output[n], &plain(&layers, &input[n].map(f64::from)));
             assert!(off < 1e-5, "{name}: off by {off:e}");
             assert_eq!(network.forward::<I, O, 1>(&[input[n]])[0], output[n], "{name}: one alone");
         }

@@ -3,7 +3,7 @@
 
 use super::{LATENT, Latent, Layers, Network, OVERREACH};
 use crate::arm::{ARM_Q, ArmQ, FEATURES};
-use perceptron::Dense;
+use perceptron::plain;
 
 /// Number of inputs.
 const INPUTS: usize = 64;
@@ -47,18 +47,4 @@ fn farther(a: f64, b: f64) -> f64 {
 fn latents(got: &Latent, wanted: &[f64]) -> f64 {
     let error = |i: usize| (f64::from(got[i]) - wanted[i]).abs() / wanted[i].abs().max(1.0);
     (0..LATENT).map(error).fold(0.0, farther)
-}
-
-/// Computes every layer as a sum of products. x / (1 + e^-x) follows every layer except the last.
-fn plain(layers: &[Dense], input: &[f64]) -> Vec<f64> {
-    let mut x = input.to_vec();
-    for (i, layer) in layers.iter().enumerate() {
-        let rows = layer.weight.chunks_exact(layer.inputs).zip(&layer.bias);
-        let sum = |(row, bias): (&[f32], &f32)| {
-            f64::from(*bias) + row.iter().zip(&x).map(|(w, x)| f64::from(*w) * x).sum::<f64>()
-        };
-        let hidden = i + 1 < layers.len();
-        x = rows.map(sum).map(|y| if hidden { y / (1.0 + (-y).exp()) } else { y }).collect();
-    }
-    x
 }
