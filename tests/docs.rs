@@ -48,6 +48,8 @@ struct Reader {
     /// Held while a robot runs.
     robot: Option<MutexGuard<'static, ()>>,
     work: tempfile::TempDir,
+    /// Folder of further programs.
+    path: PathBuf,
     repository: PathBuf,
     /// Running programs, and for how many blocks each continues.
     beside: VecDeque<(String, Child, usize)>,
@@ -65,7 +67,7 @@ impl Reader {
         // One clip of motion capture is enough for what evaluates a folder of them.
         let (clip, clips) = (repository.join("tools/replay/motions").join(CLIP), work.path().join("clips"));
         std::fs::create_dir(&clips).and_then(|()| std::fs::copy(clip, clips.join(CLIP))).expect("a copy");
-        Self { robot: None, work, repository, beside: VecDeque::new(), started: 0 }
+        Self { robot: None, work, path: PathBuf::new(), repository, beside: VecDeque::new(), started: 0 }
     }
 
     fn fill(&self, text: &str) -> String {
@@ -130,7 +132,8 @@ impl Reader {
         } else {
             Command::new(path)
         };
-        program.args(arguments).current_dir(self.work.path()).stdin(Stdio::null());
+        let path = std::env::var("PATH").unwrap_or_default() + ":" + self.path.to_str().expect("UTF-8");
+        program.args(arguments).current_dir(self.work.path()).stdin(Stdio::null()).env("PATH", path);
         Some(program)
     }
 
@@ -371,8 +374,8 @@ fn every_command_of_the_documents_runs_in_order() {
     for document in std::iter::once(harness::repository().join("README.md")).chain(chapters()) {
         let reader = READERS.iter().position(|chapters| chapters.iter().any(|name| document.ends_with(name)));
         for mut commands in blocks(&read(&document)) {
-            // Commands that were run before are not run again.
-            commands.retain(|command| !seen.contains(command));
+            // Commands that were run before are not run again. Another test runs those on a xacro.
+            commands.retain(|command| !seen.contains(command) && !command.contains("ur5e_duo"));
             seen.extend(commands.iter().cloned());
             of_readers[reader.map_or(0, |at| at + 1)].push(commands);
         }
@@ -389,4 +392,43 @@ fn every_command_of_the_documents_runs_in_order() {
             });
         }
     });
+}
+
+/// Returns the folder of a program that expands a xacro. Prints the reason if there is none.
+fn expander_or_skip() -> Option<PathBuf> {
+    let python = harness::python(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("xacrodoc"), &["xacrodoc"]);
+    python.map_err(|why| println!("skipped: no program expands a xacro: {why}")).ok()?.parent().map(Path::to_path_buf)
+}
+
+#[test]
+fn xacro_is_refused_without_an_expander_and_with_the_words_of_the_expander() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let refuses = |path: &Path, text: &str, code, part: &str| {
+        let file = folder.path().join("bad.xacro");
+        std::fs::write(&file, text).expect("a file");
+        let mut new = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+        new.args(["robot", "new", "--xacro", "name:=a; $HOME"]).arg(file).env("PATH", path);
+        harness::assert_ends(&mut new, code, &[part]);
+    };
+    refuses(folder.path(), "", 69, "bad.xacro: no program on PATH expands a xacro: `pip install xacrodoc` gets one");
+    let Some(path) = expander_or_skip() else { return };
+    let link = "<robot xmlns:xacro='http://ros.org/xacro'>\n<link name='$(arg name)'/>";
+    refuses(&path, link, 65, "bad.xacro: error: Error: no element found: line 2, column 26");
+    // It expands, into a URDF without arms. No shell reads the argument.
+    refuses(&path, &format!("{link}<link name='b'/></robot>"), 65, "bad.urdf: roots: a; $HOME, b, exactly one");
+}
+
+#[test]
+fn ur5e_pair_follows_a_person_from_its_xacro_on() {
+    let Some(path) = expander_or_skip() else { return };
+    let blocks = blocks(&read(&harness::repository().join("docs/src/own-robot.md")));
+    let mut reader = Reader::new();
+    reader.path = path;
+    reader.build(&["--workspace".to_owned()]);
+    let block = blocks.iter().find(|block| block.concat().contains("ur5e_duo")).expect("the pair's commands");
+    block.iter().for_each(|command| reader.run(command));
+    let report: serde_json::Value = serde_json::from_str(&read(&reader.work.path().join("report.json"))).expect("JSON");
+    // A robot whose certificate keeps it at home is 20 degrees off, and breaks no limit. The doctor allows 10.
+    let off_deg = report["limb_error_deg"]["measured"]["mean"].as_f64();
+    assert!(off_deg.is_some_and(|off_deg| off_deg < 10.0), "{report:#}");
 }

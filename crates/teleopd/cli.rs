@@ -140,9 +140,12 @@ pub enum Command {
 pub enum RobotFile {
     /// Writes a first robot file for a URDF: arms, T-pose, home, limits. Says what it guessed and what you must decide.
     New {
-        /// The URDF. The robot file must stay in the same folder.
-        #[arg(value_name = "FILE.urdf")]
+        /// The URDF, or a xacro that xacrodoc or xacro can expand. The robot file must stay in the URDF's folder.
+        #[arg(value_name = "FILE.urdf or FILE.xacro")]
         urdf: PathBuf,
+        /// An argument of the xacro. Repeat it for several.
+        #[arg(long, value_name = "NAME:=VALUE")]
+        xacro: Vec<String>,
         /// Write the robot file here (default: beside the URDF). Fails if the file exists.
         #[arg(long, value_name = "FILE.toml")]
         out: Option<PathBuf>,
