@@ -73,18 +73,18 @@ pub(crate) fn write_json(cli: &Cli, json: &Value) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Reads our weights. None if the user named none and there are none.
+/// Reads our weights. None if no method uses them, or if the user named none and there are none.
 fn read_weights(cli: &Cli, identity: &ArmIdentity) -> Result<Option<Weights>, Failure> {
     let (path, is_named) = cli.weights();
-    let path = path.as_path();
-    if !is_named && !path.exists() {
+    let are_used = cli.methods.as_ref().is_none_or(|names| names.iter().any(|name| name.starts_with("ours")));
+    if !are_used || !is_named && !path.exists() {
         return Ok(None);
     }
     let manifest = path.with_extension("toml");
     let read =
         |path: &Path| std::fs::read(path).map_err(|cause| Failure::new(Exit::NoInput, rt::unreadable(path, &cause)));
     let text = String::from_utf8_lossy(&read(&manifest)?).into_owned();
-    let weights = Weights::read(&text, &read(path)?, identity);
+    let weights = Weights::read(&text, &read(&path)?, identity);
     weights.map(Some).map_err(|cause| Failure::new(Exit::DataErr, format!("{}: {cause}", path.display())))
 }
 
