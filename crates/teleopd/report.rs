@@ -171,7 +171,9 @@ impl Report {
         // A robot whose person comes late follows, but behind: then the share alone would be half of the truth.
         let but =
             if late > 0.1 { format!(", but {:.0} % of the ticks were late", 100.0 * late) } else { String::new() };
-        format!("OK: followed {:.0} %, no limit broken{but}", 100.0 * share)
+        let behind = self.value["limb_error_deg"]["measured"]["mean"].as_f64();
+        let behind = behind.map(|degrees| format!(", {degrees:.1} degrees from the person")).unwrap_or_default();
+        format!("OK: followed {:.0} %{behind}, no limit broken{but}", 100.0 * share)
     }
 
     /// Returns advice if the robot followed for less than half of the time in which it should have. `None` if it
@@ -362,8 +364,9 @@ mod tests {
         let all = followed(&run, 20.0);
         assert_eq!((&all["meant_s"], &all["engaged_s"], &all["share"]), (&json!(10.0), &json!(4.0), &json!(0.4)));
         assert_eq!(all["holds"], json!([{ "why": "InputStale", "times": 2 }]));
-        let report = Report { value: json!({ "followed": all }) };
-        assert_eq!((report.verdict().as_str(), report.pause()), ("OK: followed 40 %, no limit broken", None));
+        let report = Report { value: json!({ "followed": all, "limb_error_deg": { "measured": { "mean": 20.84 } } }) };
+        let verdict = "OK: followed 40 %, 20.8 degrees from the person, no limit broken";
+        assert_eq!((report.verdict().as_str(), report.pause()), (verdict, None));
         let pause = json!({ "process": "driver", "ms": 59.2, "at_s": 3.21 });
         let paused = Report { value: json!({ "longest_pause": pause }) };
         assert_eq!(paused.pause().as_deref(), Some("this machine paused for 59 ms at 3.2 s (driver)"));
