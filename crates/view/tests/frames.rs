@@ -132,10 +132,10 @@ fn messages_of_another_robot_are_not_shown() {
     (state.robot, command.robot) = (model.id(), model.id());
     command.robot.hash ^= 1;
     state.q_measured = [0.5; JOINTS_MAX];
-    let skeleton = Some(Skeleton::ZERO);
+    let skeleton = Some(Skeleton { flags: messages::skeleton_flag::ONE_CAMERA, ..Skeleton::ZERO });
     let heard = LatestMessages { state: Some(state), command: Some(command), skeleton, ..LatestMessages::default() };
     let numbers = encoded(&model, &heard);
-    assert_eq!(numbers[Field::Present as usize] as u32, present::OTHER_ROBOT | present::PERSON);
+    assert_eq!(numbers[Field::Present as usize] as u32, present::OTHER_ROBOT | present::PERSON | present::ONE_CAMERA);
     poses_are_those_of(&model, &numbers[ROBOTS..], &model.home, "home");
 }
 
@@ -176,7 +176,7 @@ fn scene_names_every_joint_capsule_and_shape() {
     assert_eq!(encoded["obstacles"].as_array().map(Vec::len), Some(model.obstacles.len()));
     assert_eq!((count("parts"), count("meshes")), (view.look.parts.len(), 0));
     assert!(count("parts") > 50);
-    assert_eq!(encoded["limits"]["delay_ms"], 120.0);
+    assert_eq!(encoded["limits"]["delays_ms"], serde_json::json!([120.0, 180.0]));
     assert_eq!(encoded["limits"]["clearance_mm"], model.d_min_m * 1e3);
     // In the T-pose the capsule of the hand of TIAGo++ reaches 1.25 m from its middle.
     assert!((encoded["half_span"].as_f64().expect("a length") - 1.25).abs() < 0.01, "{}", encoded["half_span"]);
