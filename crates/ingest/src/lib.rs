@@ -9,7 +9,7 @@ mod policy;
 pub use authority::{Authority, ClientIdentity, Door};
 pub use policy::PolicyState;
 
-use layouts::{LastImage, Layouts, Lengths, Lifter, Map, Noise, NoiseState, Refusal};
+use layouts::{LastImage, Layouts, Lengths, Lift, Lifter, Map, Noise, NoiseState, Refusal};
 use messages::{RawSkeleton, Stamp, skeleton_flag};
 use serde::{Deserialize, Serialize};
 use skeleton::{Calibration, DropReason, Output};
@@ -90,8 +90,10 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -
             }
             last = LastImage::default();
         }
-        if lifter.apply(&image, state.lengths.over_trunk(), now, &mut last, &mut frame) {
-            other_ns = None;
+        match lifter.apply(&image, state.lengths.over_trunk(), now, &mut last, &mut frame) {
+            Lift::Done => other_ns = None,
+            Lift::NoTrunk => {}
+            Lift::Swapped => return state.skeleton.refuse(DropReason::Teleport),
         }
     }
     if config.filter == Filter::All || camera && config.filter == Filter::Cameras {

@@ -33,7 +33,7 @@ pub use axes::{Axes, Direction};
 pub use convert::Refusal;
 pub use error::LayoutError;
 pub use lengths::Lengths;
-pub use lift::LastImage;
+pub use lift::{LastImage, Lift};
 pub use lifter::{
     DIRECTIONS, ImagePoints, LENGTHS, LIFTER_INPUTS, LIFTER_OUTPUTS, LIFTER_WIDTHS, Lifted, Lifter, LifterManifest,
     POINTS, Point,

@@ -15,6 +15,9 @@
 //!
 //! e_i is the expected angle of this image, degrees. t is the time since the person's first image.
 //!
+//! R turns by 12 rad/s at most, too: a landmarker that takes a back for a front moves no shoulder at once. An image that would
+//! turn R by a right angle so soon after the one before may have left and right swapped, and is refused.
+//!
 //! A landmarker that guesses the size of people gives every body the same trunk. So it is the image that shows another person:
 //! its trunk's centre or size jumps.
 
@@ -22,7 +25,8 @@ use crate::axes::{Axes, Direction};
 use crate::lifter::{ImagePoints, LENGTHS, Lifted, Lifter, TYPICAL};
 use crate::neutral::{COLLAR, UP_THE_TRUNK};
 use messages::{RawSkeleton, SMPL_JOINTS, Smpl, Stamp};
-use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
+use nalgebra::{Matrix3, Rotation3, Unit, UnitQuaternion, Vector3};
+use std::f64::consts::FRAC_PI_2;
 
 /// Axes of a camera before the person.
 const FACING: Axes = Axes::from_directions([Direction::Left, Direction::Down, Direction::Back]);
@@ -36,7 +40,7 @@ const HIPS: f64 = 0.46;
 const BONE_PER_TRUNK: [f64; 2] = [0.2, 0.9];
 /// Expected angle at which an arm has no confidence, rad: a right angle is a guess. Half of it is 45 degrees, where
 /// `confidence_min` leaves the arm out. Assumption.
-const GUESS_RAD: f64 = std::f64::consts::FRAC_PI_2;
+const GUESS_RAD: f64 = FRAC_PI_2;
 /// Speed of a limb that is not in doubt, rad/s. Only a throw is faster: a straight arm of 0.7 m then has 8 m/s. Assumption.
 const TURN_RAD_PER_S: f64 = 12.0;
 /// Expected angles up to which a limb has this speed, and from which it holds, rad: 20 and 50 degrees. The mean is 16. Assumption.
@@ -45,6 +49,9 @@ const DOUBT_RAD: [f64; 2] = [0.349, 0.873];
 const DOUBT_S: f64 = 2.0;
 /// Time without an image after which the limbs before it say nothing, ns. A person who comes back is believed at once.
 const FORGOTTEN_NS: u64 = 250_000_000;
+/// Age of the image before up to which one is refused that turns the trunk by more than a right angle, ns: one image of 30 Hz,
+/// three of 60 Hz. The robot stops after 100 ms.
+const SWAPPED_NS: u64 = 50_000_000;
 /// Distance of the trunk's centre from that of the image before, over the trunk's size, that shows another person, and its rise
 /// by the time between. Of 84 clips of one person each, at 30 Hz, the largest is 0.48. At 4 m/s a runner passes 0.3.
 const OTHER_PLACE: [f64; 2] = [0.5, 3.0];
@@ -59,6 +66,17 @@ const OTHER_MAX_S: f64 = 0.5;
 /// Limbs of the arms: the first directions.
 const ARM_LIMBS: usize = 4;
 
+/// Result of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lift {
+    /// The frame has the directions of the image.
+    Done,
+    /// The image has no shoulders and hips.
+    NoTrunk,
+    /// The trunk turned by more than a right angle at once. The frame is to be refused.
+    Swapped,
+}
+
 /// One person in the last image: place and limbs. Only images whose frames were accepted belong here.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LastImage {
@@ -71,6 +89,8 @@ pub struct LastImage {
     /// The trunk's centre of late.
     recent: [f64; 2],
     directions: [Vector3<f64>; ARM_LIMBS],
+    /// The trunk's axes, R.
+    axes: Matrix3<f64>,
     /// Time over which the doubt is known, s.
     known_s: f64,
     doubt_rad: [f64; ARM_LIMBS],
@@ -98,8 +118,9 @@ impl LastImage {
         (self.trunk, self.arrived_ns) = (Some((centre, size)), now.0);
     }
 
-    /// Bounds the turns of the limbs since the last image, and averages their doubt. Images out of order turn nothing.
-    fn steady(&mut self, lifted: &mut Lifted, frame: &RawSkeleton) {
+    /// Bounds the turns of trunk and limbs since the last image, and averages the limbs' doubt. Images out of order turn nothing.
+    /// Returns false if the image is refused.
+    fn steady(&mut self, lifted: &mut Lifted, axes: &mut Matrix3<f64>, frame: &RawSkeleton) -> bool {
         let person = person(frame);
         let expected: [f64; ARM_LIMBS] = std::array::from_fn(|i| lifted.expected_rad(i));
         let since_ns = frame.header.origin.0.saturating_sub(self.origin_ns);
@@ -107,12 +128,23 @@ impl LastImage {
             let directions = std::array::from_fn(|i| lifted.directions[i]);
             let origin_ns = frame.header.origin.0;
             let trunk = self.trunk.filter(|_| person == self.person);
-            *self = Self { person, origin_ns, trunk, directions, known_s: 0.0, doubt_rad: expected, ..*self };
-            return;
+            *self =
+                Self { person, origin_ns, trunk, directions, axes: *axes, known_s: 0.0, doubt_rad: expected, ..*self };
+            return true;
         }
         self.origin_ns = self.origin_ns.max(frame.header.origin.0);
         let since_s = since_ns as f64 * 1e-9;
         self.known_s = (self.known_s + since_s).min(DOUBT_S);
+        let turn = Rotation3::from_matrix_unchecked(*axes * self.axes.transpose());
+        let turn = UnitQuaternion::from_rotation_matrix(&turn).scaled_axis();
+        let most = TURN_RAD_PER_S * since_s;
+        if turn.norm() > most {
+            if turn.norm() > FRAC_PI_2 && (1..=SWAPPED_NS).contains(&since_ns) {
+                return false;
+            }
+            *axes = Rotation3::new(turn.cap_magnitude(most)) * self.axes;
+        }
+        self.axes = *axes;
         for (i, expected) in expected.into_iter().enumerate() {
             let [sure, unsure] = DOUBT_RAD;
             let most = TURN_RAD_PER_S * since_s * ((unsure - expected) / (unsure - sure)).clamp(0.0, 1.0);
@@ -120,6 +152,7 @@ impl LastImage {
             self.directions[i] = lifted.directions[i];
             self.doubt_rad[i] += (expected - self.doubt_rad[i]) * (since_s / self.known_s.max(1e-9));
         }
+        true
     }
 }
 
@@ -138,9 +171,9 @@ fn turned(from: Vector3<f64>, to: Vector3<f64>, most: f64) -> Vector3<f64> {
 }
 
 impl Lifter {
-    /// Lifts the image, and gives the frame of SMPL-22 the directions and the confidence of its arms. Returns false, and
-    /// leaves the frame, without shoulders and hips in the image. `lengths` are those of the session. The image arrives at
-    /// `now`. Never allocates or panics, whatever the bits.
+    /// Lifts the image, and gives the frame of SMPL-22 the directions and the confidence of its arms. Leaves the frame where
+    /// the image is not [`Lift::Done`]. `lengths` are those of the session. The image arrives at `now`. Never allocates or
+    /// panics, whatever the bits.
     pub fn apply(
         &self,
         image: &ImagePoints,
@@ -148,15 +181,17 @@ impl Lifter {
         now: Stamp,
         last: &mut LastImage,
         frame: &mut RawSkeleton,
-    ) -> bool {
+    ) -> Lift {
         let lifted = self.lift(image, lengths);
-        let Some((mut lifted, axes)) = lifted.and_then(|lifted| Some((lifted, ours(lifted.trunk()?)))) else {
-            return false;
+        let Some((mut lifted, mut axes)) = lifted.and_then(|lifted| Some((lifted, ours(lifted.trunk()?)))) else {
+            return Lift::NoTrunk;
         };
-        last.steady(&mut lifted, frame);
+        if !last.steady(&mut lifted, &mut axes, frame) {
+            return Lift::Swapped;
+        }
         last.place(image, now);
         place(&lifted, &axes, &last.doubt_rad, frame);
-        true
+        Lift::Done
     }
 }
 

@@ -3,8 +3,8 @@
 use crate::before_camera::frame;
 use crate::salt::Chance;
 use layouts::{
-    DIRECTIONS, ImagePoints, LIFTER_OUTPUTS, LIFTER_WIDTHS, LastImage, Layouts, Lifted, Lifter, LifterManifest, Map,
-    POINTS, Point,
+    DIRECTIONS, ImagePoints, LIFTER_OUTPUTS, LIFTER_WIDTHS, LastImage, Layouts, Lift, Lifted, Lifter, LifterManifest,
+    Map, POINTS, Point,
 };
 use messages::{Layout, RawSkeleton, SkeletonLayout, Smpl, Stamp, raw_flag};
 use nalgebra::Vector3;
@@ -56,7 +56,7 @@ fn layers(person: &[[f32; 3]; DIRECTIONS], concentrations: [f64; DIRECTIONS]) ->
 fn lifted(lifter: &Lifter, layouts: &Layouts, raw: &RawSkeleton) -> RawSkeleton {
     let mut out = layouts.convert(raw).expect("a layout");
     let image = layouts.find(raw.layout).and_then(|map| map.image(raw)).expect("points of an image");
-    assert!(lifter.apply(&image, None, Stamp(1), &mut LastImage::default(), &mut out));
+    assert_eq!(lifter.apply(&image, None, Stamp(1), &mut LastImage::default(), &mut out), Lift::Done);
     out
 }
 
@@ -206,7 +206,7 @@ fn film(networks: &[&Lifter]) -> Vec<(Vector3<f32>, f32)> {
     let shown = networks.iter().map(|lifter| {
         raw.header.origin.0 += 33_000_000;
         let mut out = layouts.convert(&raw).expect("a layout");
-        assert!(lifter.apply(&image, None, raw.header.origin, &mut last, &mut out));
+        assert_eq!(lifter.apply(&image, None, raw.header.origin, &mut last, &mut out), Lift::Done);
         (direction(&out, Smpl::LeftShoulder, Smpl::LeftElbow), out.confidence[Smpl::LeftElbow as usize])
     });
     shown.collect()
@@ -242,6 +242,34 @@ fn arm_turns_as_fast_as_its_doubt_permits_and_is_left_out_if_the_doubt_lasts() {
     assert!(degrees(&shown)[8..].iter().all(|turn| *turn < 0.01), "it holds");
     let counts: Vec<bool> = shown.iter().map(|(_, confidence)| *confidence >= 0.5).collect();
     assert!([1, 8, 61, 76, 151, 241].map(|n| counts[n]) == [false, true, true, true, false, true], "{shown:?}");
+}
+
+/// A landmarker that takes a back for a front moves no shoulder at once, and a single swapped image nothing.
+#[test]
+fn f016_trunk_turns_no_faster_than_a_person() {
+    let back = |person: [[f32; 3]; DIRECTIONS]| Lifter::new(&layers(&person, [50.0; DIRECTIONS]));
+    let mut turned = PERSON;
+    turned[6] = PERSON[6].map(|x| -x);
+    let (front, behind) = (back(PERSON), back(turned));
+    let (layouts, mut last, mut raw) = (Layouts::default(), LastImage::default(), frame());
+    let image = layouts.find(raw.layout).and_then(|map| map.image(&raw)).expect("points of an image");
+    let mut shown = |lifter: &Lifter, ms: u64| {
+        raw.header.origin.0 += ms * 1_000_000;
+        let (mut out, mut next) = (layouts.convert(&raw).expect("a layout"), last);
+        let done = lifter.apply(&image, None, raw.header.origin, &mut next, &mut out);
+        last = if done == Lift::Done { next } else { last };
+        (done, direction(&out, Smpl::RightShoulder, Smpl::LeftShoulder).y)
+    };
+    assert!(shown(&front, 1000).1 > 0.999);
+    assert_eq!(shown(&behind, 33).0, Lift::Swapped);
+    assert!(shown(&front, 33) == (Lift::Done, 1.0));
+    assert_eq!(shown(&behind, 33).0, Lift::Swapped);
+    let (done, across) = shown(&behind, 33);
+    assert!(done == Lift::Done && (across - 0.792_f32.cos()).abs() < 1e-3, "{across}");
+    // From there less than a right angle is left after another image.
+    let rest: Vec<_> = (0..6).map(|_| shown(&behind, 33)).collect();
+    assert_eq!(rest.iter().filter(|(done, _)| *done != Lift::Done).count(), 1, "{rest:?}");
+    assert!(rest[5].1 < -0.999, "{rest:?}");
 }
 
 #[test]
