@@ -189,7 +189,9 @@ fn fit(source: &Source, out: Option<&Path>, plan_out: Option<&Path>) -> Result<b
     texts.notes.iter().for_each(|note| err!("{note}"));
     for (joint, unit, range) in std::mem::take(&mut texts.narrower) {
         texts.toml.1 = tightened(&texts.toml.1, &joint, unit, range);
-        err!("narrowed, so that parts never touch: {joint} to {:.4} .. {:.4} {unit} ([tighten])", range[0], range[1]);
+        // Rounded inward, so that a file takes what is printed.
+        let [least, most] = [(range[0] * 1e4).ceil() / 1e4, (range[1] * 1e4).floor() / 1e4];
+        err!("narrowed, so that parts never touch: {joint} to {least:.4} .. {most:.4} {unit} ([tighten])");
     }
     if let Some(path) = plan_out {
         write_text(path, &texts.plan.text())?;
