@@ -81,6 +81,8 @@ fn build(staged: &Path, profile: &str, [major, minor]: Version, target: Option<&
     let mut maturin = Command::new("maturin");
     maturin.args(["build", "--strip", "--compression-level", "9", "--out", "wheels", "--profile", profile]);
     maturin.arg("--compatibility").arg(format!("manylinux_{major}_{minor}")).current_dir(staged);
+    // A panic of the extension is an exception of Python's. That of a program ends it.
+    maturin.env("CARGO_PROFILE_WHEEL_PANIC", "unwind");
     if let Some(target) = target {
         maturin.args(["--zig", "--target", target]);
     }
