@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Vector3};
 /// offers.
 pub const DELAY_MAX_TICKS: u32 = 30;
 
-/// Largest standard deviation of the encoders' noise that settings allow, rad or m. The driver takes changes up to 0.4 mrad
+/// Largest standard deviation of the encoders' noise that settings allow, rad. The driver takes changes up to 0.4 mrad
 /// for noise, four times as much.
 pub const ENCODER_NOISE_MAX_RAD: f64 = 1e-4;
 
@@ -70,9 +70,9 @@ pub struct Options {
     pub watchdog_ns: u64,
     /// The reaction of the drives. Only the way of `Play` is proved.
     pub reaction: Reaction,
-    /// Standard deviation of a measured position, rad or m. Assumption: one encoder step of 17 bits.
+    /// Standard deviation of a measured position, rad, or a fifth of it in m. Assumption: one encoder step of 17 bits.
     pub encoder_noise_rad: f64,
-    /// Step of a measured position, rad or m. Assumption: 17 bits per turn.
+    /// Step of a measured position, rad, or a fifth of it in m. Assumption: 17 bits per turn.
     pub encoder_step_rad: f64,
     /// True payload of the left and the right hand, kg. Without a value it is the robot file's. Its place is the
     /// robot file's.

@@ -29,6 +29,9 @@ const FRICTION_COMPENSATED: f64 = 0.8;
 pub const NEAR_RAD: f64 = 0.02;
 /// The same distance for a joint that slides, m. Assumption: 5 mm.
 pub const NEAR_M: f64 = 0.005;
+/// Noise of a joint that slides, m, over that of one that turns, rad: as its bounds of tracking errors. Assumption: a spindle
+/// moves it by less.
+const SLIDING_SHARE: f64 = 0.2;
 /// After a reaction a setpoint's speed must be this near to the joint's, rad/s. Assumption: 0.1, the amount by
 /// which a joint brakes within the age of a measurement, plus the noise of its speed.
 pub const NEAR_RAD_PER_S: f64 = 0.1;
@@ -276,11 +279,12 @@ impl Plant {
             if self.injected.is_frozen(j) {
                 continue;
             }
-            let (q, step) =
-                (self.truth.q[j] + config.options.encoder_noise_rad * noise_q, config.options.encoder_step_rad);
+            let share = config.by_kind(j, 1.0, SLIDING_SHARE);
+            let (noise, step) = (share * config.options.encoder_noise_rad, share * config.options.encoder_step_rad);
+            let q = self.truth.q[j] + noise * noise_q;
             measured.q[j] = if step > 0.0 { (q / step).round() * step } else { q };
             // The drive differentiates its encoder through a filter as fast as its own loop.
-            measured.dq[j] = self.truth.v[j] + config.options.encoder_noise_rad * config.omega * noise_v;
+            measured.dq[j] = self.truth.v[j] + noise * config.omega * noise_v;
             measured.tau[j] = self.truth.tau[j];
         }
         self.injected.distort(&mut measured.q, &mut measured.dq);
