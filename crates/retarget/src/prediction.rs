@@ -84,7 +84,7 @@ pub fn prediction_inputs(history: &History) -> [f32; PREDICTION_INPUTS] {
 }
 
 /// The manifest beside the tensors.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PredictionManifest {
     /// `PREDICTION_FORMAT`.
@@ -106,23 +106,6 @@ pub struct PredictionManifest {
     /// Figures of the validation, for the reader.
     #[serde(default)]
     pub validation: toml::Table,
-}
-
-/// A manifest of this build's shape. Its sha256, validation and training facts are still empty.
-impl Default for PredictionManifest {
-    fn default() -> Self {
-        Self {
-            format: PREDICTION_FORMAT,
-            sha256: String::new(),
-            ages_s: AGES_S.to_vec(),
-            horizons_s: HORIZONS_S.to_vec(),
-            widths: PREDICTION_WIDTHS.to_vec(),
-            seed: 0,
-            steps: 0,
-            trained_on: String::new(),
-            validation: toml::Table::new(),
-        }
-    }
 }
 
 /// The checked network.
@@ -153,13 +136,15 @@ impl Prediction {
         Ok(Self::new(&layers))
     }
 
-    /// Writes the two files of a weights folder: safetensors bytes and manifest text with its `sha256` filled in.
+    /// Writes the two files of a weights folder: safetensors bytes and manifest text with hash and shape filled in.
     ///
     /// # Errors
     /// Returns an error if the manifest holds a value that TOML cannot.
     pub fn write(layers: &[Dense], manifest: &PredictionManifest) -> Result<(Vec<u8>, String), WriteError> {
         let bytes = write_layers(&[(NAME, layers)])?;
-        let manifest = PredictionManifest { sha256: sha256_hex(&bytes), ..manifest.clone() };
+        let [ages_s, horizons_s] = [AGES_S.to_vec(), HORIZONS_S.to_vec()];
+        let (format, widths, sha256) = (PREDICTION_FORMAT, PREDICTION_WIDTHS.to_vec(), sha256_hex(&bytes));
+        let manifest = PredictionManifest { format, sha256, ages_s, horizons_s, widths, ..manifest.clone() };
         Ok((bytes, toml::to_string(&manifest)?))
     }
 
