@@ -20,13 +20,6 @@ pub const JITTER_ALLOWANCE_NS: u64 = 2_000_000;
 /// Rounding of positions and torques.
 const ROUNDING: f64 = 1e-9;
 
-/// Largest distance of a true position outside the limits in force, rad. It is the greatest tracking error, 3.0
-/// mrad, of 40 motions at half of all limits (2026-11-23), rounded up. `tests/following.rs` holds it. The simulated drives
-/// do not model coupling. So an arm's fifth joint deviates by up to 20 mrad while its neighbours change their
-/// speed at the limit (sines at all limits at once).
-pub const SERVO_MARGIN_RAD: f64 = 0.004;
-/// The same distance for a joint that slides, m. The greatest tracking error was 0.2 mm.
-pub const SERVO_MARGIN_M: f64 = 0.001;
 /// Largest amount by which a true clearance may be below the least one, m. No end of a capsule was more than 5.5
 /// mm off at all limits at once, rounded up (1.4 mm in the motions above). It stays above the robot file's
 /// clearance_measured_min_mm.
@@ -93,11 +86,12 @@ impl Judge {
         for (j, joint) in config.links.body.joints.iter().enumerate() {
             let (q, v, tau) = (truth.q[j], truth.v[j], truth.tau[j]);
             let report = &mut self.report;
-            let margin = config.by_kind(j, SERVO_MARGIN_RAD, SERVO_MARGIN_M);
-            let rows = [(ViolationKind::Stop, &joint.urdf, ROUNDING), (ViolationKind::Position, &joint.limits, margin)];
-            for (outside, (kind, limits, margin)) in self.outside.iter_mut().zip(rows) {
+            let rows = [(ViolationKind::Stop, &joint.urdf), (ViolationKind::Position, &joint.limits)];
+            for (outside, (kind, limits)) in self.outside.iter_mut().zip(rows) {
                 let outside = &mut outside[j];
                 let beyond = (limits.q_min - q).max(q - limits.q_max);
+                let lags = kind == ViolationKind::Position && beyond > *outside + ROUNDING;
+                let margin = if lags { config.lags(&truth.q, &truth.v)[j] } else { ROUNDING };
                 // A position that is not certainly inside is outside, so NaN counts.
                 let inside = beyond <= *outside + margin;
                 if !inside {

@@ -38,9 +38,7 @@ pub use dynamics::{Drive, Dynamics, GRAVITY_M_PER_S2, Posture};
 pub use error::PlantError;
 pub use gripper::Gripper;
 pub use injection::Injection;
-pub use judge::{
-    CLEARANCE_MARGIN_M, JITTER_ALLOWANCE_NS, JUDGE_STEPS, Judge, SERVO_MARGIN_M, SERVO_MARGIN_RAD, SPEED_OVERSHOOT,
-};
+pub use judge::{CLEARANCE_MARGIN_M, JITTER_ALLOWANCE_NS, JUDGE_STEPS, Judge, SPEED_OVERSHOOT};
 pub use kinematics::Frames;
 pub use links::Links;
 pub use plant::{

@@ -1,25 +1,16 @@
 //! The robot's links with all that they carry, and the torques of a motion.
 
 use crate::description::Body;
-use crate::dynamics::Dynamics;
+use crate::dynamics::{Dynamics, Posture};
 use crate::error::PlantError;
 use crate::kinematics::Frames;
 use crate::motor::Motor;
 use messages::JOINTS_MAX;
-use nalgebra::Vector3;
 
 /// Name of the options in errors.
 pub(crate) const OPTIONS: &str = "plant options";
 /// Largest mass of a load, kg.
 const LOAD_MAX_KG: f64 = 20.0;
-
-/// A load that the drives' model does not contain.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Load {
-    pub(crate) body: usize,
-    pub(crate) place: Vector3<f64>,
-    pub(crate) mass_kg: f64,
-}
 
 /// The links of a robot, by this crate's own reader of its files.
 #[derive(Clone, Debug)]
@@ -27,7 +18,8 @@ pub struct Links {
     pub(crate) body: Body,
     pub(crate) dynamics: Dynamics,
     pub(crate) motors: [Motor; JOINTS_MAX],
-    pub(crate) loads: Vec<Load>,
+    /// The dynamics without the payload of the hands, if they carry one. The drives' gravity model is this.
+    unloaded: Option<Dynamics>,
 }
 
 impl Links {
@@ -42,7 +34,9 @@ impl Links {
     }
 
     pub(crate) fn new(mut body: Body, hands_kg: [Option<f64>; 2]) -> Result<Self, PlantError> {
-        let mut loads = Vec::new();
+        let motors: [Motor; JOINTS_MAX] = std::array::from_fn(|j| body.joints.get(j).map_or(Motor::NONE, Motor::new));
+        let armature = motors.map(|motor| motor.armature);
+        let mut unloaded = None;
         for (side, last) in body.hands.into_iter().enumerate() {
             let in_file_kg = body.payloads[side].map_or(0.0, |(mass_kg, _)| mass_kg);
             let mass_kg = mass(["hands_kg left", "hands_kg right"][side], hands_kg[side].unwrap_or(in_file_kg))?;
@@ -50,12 +44,11 @@ impl Links {
                 let file =
                     ["payload.left.centre_m of the robot file", "payload.right.centre_m of the robot file"][side];
                 let (_, place) = body.payloads[side].ok_or_else(|| PlantError::missing(OPTIONS, file))?;
-                loads.push(Load { body: last, place, mass_kg });
+                unloaded.get_or_insert_with(|| Dynamics::new(&body, armature));
                 body.add_mass(last, place, mass_kg);
             }
         }
-        let motors: [Motor; JOINTS_MAX] = std::array::from_fn(|j| body.joints.get(j).map_or(Motor::NONE, Motor::new));
-        Ok(Self { dynamics: Dynamics::new(&body, motors.map(|motor| motor.armature)), body, motors, loads })
+        Ok(Self { dynamics: Dynamics::new(&body, armature), unloaded, body, motors })
     }
 
     /// Returns the robot's description.
@@ -68,6 +61,29 @@ impl Links {
         let mut frames = Frames::default();
         self.body.forward(q, &mut frames);
         self.dynamics.torques(&self.dynamics.at(&frames), v, a)
+    }
+
+    /// Returns what the drives' model knows of each joint: gravity without the loads (N m, N) and inertia (kg m^2, kg).
+    pub(crate) fn drive_model(&self, frames: &Frames, posture: &Posture) -> ([f64; JOINTS_MAX], [f64; JOINTS_MAX]) {
+        let (gravity, diagonal) = self.dynamics.gravity_and_diagonal(posture);
+        let unloaded = self.unloaded.as_ref().map(|known| known.gravity_and_diagonal(&known.at(frames)).0);
+        (unloaded.unwrap_or(gravity), diagonal)
+    }
+
+    /// Returns the largest torque or force on each joint that its drive does not know, over the inertia that it knows, at
+    /// this posture and these speeds, rad/s^2 or m/s^2. [`crate::Config::lags`] has the derivation.
+    pub(crate) fn disturbances(&self, q: &[f64; JOINTS_MAX], v: &[f64; JOINTS_MAX]) -> [f64; JOINTS_MAX] {
+        let (mut frames, joints) = (Frames::default(), &self.body.joints);
+        self.body.forward(q, &mut frames);
+        let posture = self.dynamics.at(&frames);
+        let (gravity, inertia) = self.drive_model(&frames, &posture);
+        let matrix = self.dynamics.mass_matrix(&posture);
+        let coasting = self.dynamics.torques(&posture, v, &[0.0; JOINTS_MAX]);
+        std::array::from_fn(|j| {
+            let pushes = joints.iter().zip(&matrix[j]).map(|(joint, coupled)| coupled.abs() * joint.limits.a_max);
+            let neighbours = pushes.enumerate().filter(|(k, _)| *k != j).map(|(_, push)| push).sum::<f64>();
+            (neighbours + (coasting[j] - gravity[j]).abs() + self.motors[j].friction_max(v[j])) / inertia[j]
+        })
     }
 }
 

@@ -14,6 +14,8 @@ const BARE_ACCELERATION_M_PER_S2: f64 = 20.0;
 const COULOMB_SHARE: f64 = 0.02;
 /// Viscous friction at the URDF's speed limit over the greatest torque if the URDF states none. Assumption: 0.02.
 const VISCOUS_SHARE: f64 = 0.02;
+/// Share of the friction that the drives compensate. Assumption.
+pub(crate) const FRICTION_COMPENSATED: f64 = 0.8;
 /// Coulomb friction reaches its value at a few times this share of the URDF's speed limit. Assumption: 0.01, so that
 /// the friction stays smooth for steps of 0.5 ms.
 const SMOOTH_SHARE: f64 = 0.01;
@@ -76,6 +78,11 @@ impl Motor {
     /// Returns the friction torque or force at a speed. The motor works against it.
     pub(crate) fn friction(&self, v: f64) -> f64 {
         self.viscous * v + self.coulomb * (v / self.smooth_speed).tanh()
+    }
+
+    /// Returns the largest torque or force of friction that the drive leaves. At a turn it still helps the other direction.
+    pub(crate) fn friction_max(&self, v: f64) -> f64 {
+        self.viscous * v.abs() + (1.0 + FRICTION_COMPENSATED) * self.coulomb
     }
 
     /// Returns the acceleration that the position loop asks for. `reference` has position, velocity and

@@ -2,14 +2,14 @@
 
 use crate::config::{Config, Reaction};
 use crate::description::JointKind;
-use crate::dynamics::{Drive, GRAVITY_M_PER_S2};
+use crate::dynamics::Drive;
 use crate::injection::{Injected, Injection};
 use crate::judge::{JUDGE_STEPS, Judge};
 use crate::kinematics::Frames;
+use crate::motor::FRICTION_COMPENSATED;
 use crate::noise::Noise;
 use driver::Drives;
-use messages::{JOINTS_MAX, Stamp, StopPlan};
-use nalgebra::Vector3;
+use messages::{JOINTS_MAX, Layout, Stamp, StopPlan};
 
 /// Length of a step, ns: 2 kHz. Assumption: the rate of a joint's position loop.
 pub const STEP_NS: u64 = 500_000;
@@ -20,9 +20,6 @@ pub const CATCH_UP_NS: u64 = 1_000_000_000;
 pub(crate) const DELAY_MAX_NS: u64 = 20_000_000;
 /// Setpoints that can be under way. A further one replaces the oldest.
 const UNDER_WAY_MAX: usize = 32;
-
-/// Share of the friction that the drives compensate. Assumption.
-const FRICTION_COMPENSATED: f64 = 0.8;
 
 /// After a reaction a setpoint must begin this near to the joint's position, rad. Assumption: 0.02, a little more than
 /// the tracking error and the noise.
@@ -128,13 +125,7 @@ impl Plant {
     /// Creates a plant at rest at `q` at the time `now`. `seed` is the seed of the noise.
     pub fn new(config: &Config, now: Stamp, q: &[f64; JOINTS_MAX], seed: u64) -> Self {
         let zero = [0.0; JOINTS_MAX];
-        let rest = Setpoint {
-            k: 0,
-            q: *q,
-            v: zero,
-            a: zero,
-            plan: StopPlan { jerk: [[0.0; 3]; JOINTS_MAX], duration_s: [[0.0; 3]; JOINTS_MAX] },
-        };
+        let rest = Setpoint { k: 0, q: *q, v: zero, a: zero, plan: StopPlan::ZERO };
         let drives = Drives::SOUND;
         let mut plant = Self {
             truth: Truth { stamp: now, q: *q, v: zero, tau: zero },
@@ -279,7 +270,8 @@ impl Plant {
             if self.injected.is_frozen(j) {
                 continue;
             }
-            let share = config.by_kind(j, 1.0, SLIDING_SHARE);
+            let slides = config.links.body.joints[j].kind == JointKind::Prismatic;
+            let share = if slides { SLIDING_SHARE } else { 1.0 };
             let (noise, step) = (share * config.options.encoder_noise_rad, share * config.options.encoder_step_rad);
             let q = self.truth.q[j] + noise * noise_q;
             measured.q[j] = if step > 0.0 { (q / step).round() * step } else { q };
@@ -296,9 +288,11 @@ impl Plant {
     }
 
     fn is_near(&self, config: &Config, setpoint: &Setpoint) -> bool {
-        (0..config.links.body.joints.len()).all(|j| {
-            let near = config.by_kind(j, NEAR_RAD, NEAR_M);
-            let near_speed = config.by_kind(j, NEAR_RAD_PER_S, NEAR_M_PER_S);
+        config.body().joints.iter().enumerate().all(|(j, joint)| {
+            let (near, near_speed) = match joint.kind {
+                JointKind::Revolute => (NEAR_RAD, NEAR_RAD_PER_S),
+                JointKind::Prismatic => (NEAR_M, NEAR_M_PER_S),
+            };
             (setpoint.q[j] - self.truth.q[j]).abs() <= near && (setpoint.v[j] - self.truth.v[j]).abs() <= near_speed
         })
     }
@@ -365,8 +359,7 @@ impl Plant {
         let mut frames = Frames::default();
         config.links.body.forward(&self.truth.q, &mut frames);
         let posture = config.links.dynamics.at(&frames);
-        let (mut gravity, diagonal) = config.links.dynamics.gravity_and_diagonal(&posture);
-        forget_loads(config, &frames, &mut gravity);
+        let (gravity, diagonal) = config.links.drive_model(&frames, &posture);
         let pushes = std::array::from_fn(|j| {
             let (motor, q, v) = (&config.links.motors[j], self.truth.q[j], self.truth.v[j]);
             if let Some(speed) = self.injected.braked_to(j) {
@@ -449,24 +442,6 @@ impl Plant {
                 *q = q.clamp(joint.urdf.q_min, joint.urdf.q_max);
                 *v = 0.0;
             }
-        }
-    }
-}
-
-/// Removes the loads from the drives' gravity model, because the drives do not know them.
-fn forget_loads(config: &Config, frames: &Frames, gravity: &mut [f64; JOINTS_MAX]) {
-    for load in &config.links.loads {
-        let p = frames.base_from_body[load.body].point(&load.place);
-        let weight = Vector3::new(0.0, 0.0, load.mass_kg * GRAVITY_M_PER_S2);
-        let mut body = load.body;
-        while body > 0 {
-            let (joint, pose) = (&config.links.body.joints[body - 1], &frames.base_from_body[body]);
-            let axis = pose.r * joint.axis;
-            gravity[body - 1] -= match joint.kind {
-                JointKind::Revolute => axis.dot(&(p - pose.t).cross(&weight)),
-                JointKind::Prismatic => axis.dot(&weight),
-            };
-            body = joint.parent;
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::support::{GRIPPERS, HANDS, JOINTS, Texts, body, uniform};
 use messages::JOINTS_MAX;
-use plant::{Drive, Dynamics, Frames};
+use plant::{Drive, Dynamics, Frames, Posture};
 use rand::{RngExt, SeedableRng};
 
 type PerJoint = [f64; JOINTS_MAX];
@@ -25,10 +25,14 @@ fn rows(text: &str) -> Vec<PerJoint> {
     lines.map(padded).collect()
 }
 
-fn accelerate(body: &plant::Body, dynamics: &Dynamics, q: &PerJoint, v: &PerJoint, torque: &PerJoint) -> PerJoint {
+fn posture(body: &plant::Body, dynamics: &Dynamics, q: &PerJoint) -> Posture {
     let mut frames = Frames::default();
     body.forward(q, &mut frames);
-    dynamics.accelerations(&dynamics.at(&frames), v, &torque.map(Drive::Torque))
+    dynamics.at(&frames)
+}
+
+fn accelerate(body: &plant::Body, dynamics: &Dynamics, q: &PerJoint, v: &PerJoint, torque: &PerJoint) -> PerJoint {
+    dynamics.accelerations(&posture(body, dynamics, q), v, &torque.map(Drive::Torque))
 }
 
 fn farthest(a: &PerJoint, b: &PerJoint) -> f64 {
@@ -47,9 +51,7 @@ fn torques_and_accelerations_match_pinocchio() {
     for state in states.chunks(4) {
         let a = accelerate(&body, &dynamics, &state[0], &state[1], &state[3]);
         assert!(farthest(&a, &state[2]) < 1e-9, "{}", farthest(&a, &state[2]));
-        let mut frames = Frames::default();
-        body.forward(&state[0], &mut frames);
-        let torques = dynamics.torques(&dynamics.at(&frames), &state[1], &state[2]);
+        let torques = dynamics.torques(&posture(&body, &dynamics, &state[0]), &state[1], &state[2]);
         assert!(farthest(&torques, &state[3]) < 1e-9, "{}", farthest(&torques, &state[3]));
     }
 }
@@ -79,13 +81,11 @@ fn prescribed_acceleration_acts_like_its_torque() {
         let (q, v) = (uniform(&body, &mut rng), std::array::from_fn(|_| rng.random_range(-2.0..2.0)));
         let torque: PerJoint = std::array::from_fn(|_| rng.random_range(-5.0..5.0));
         let a = accelerate(&body, &dynamics, &q, &v, &torque);
-        let mut frames = Frames::default();
-        body.forward(&q, &mut frames);
         let mut drives = torque.map(Drive::Torque);
         for j in [n % JOINTS, (n * 7 + 3) % JOINTS] {
             drives[j] = Drive::Acceleration(a[j]);
         }
-        let again = dynamics.accelerations(&dynamics.at(&frames), &v, &drives);
+        let again = dynamics.accelerations(&posture(&body, &dynamics, &q), &v, &drives);
         assert!(farthest(&a, &again) < 1e-8, "{n}: {}", farthest(&a, &again));
     }
 }
@@ -97,9 +97,8 @@ fn mass_matrix_is_symmetric_and_matches_torques() {
     let dynamics = Dynamics::new(&body, [0.0; JOINTS_MAX]);
     let mut rng = rand_pcg::Pcg64::seed_from_u64(3);
     for _ in 0..50 {
-        let mut frames = Frames::default();
-        body.forward(&uniform(&body, &mut rng), &mut frames);
-        let (posture, v) = (dynamics.at(&frames), std::array::from_fn(|_| rng.random_range(-2.0..2.0)));
+        let posture = posture(&body, &dynamics, &uniform(&body, &mut rng));
+        let v = std::array::from_fn(|_| rng.random_range(-2.0..2.0));
         let bias = dynamics.torques(&posture, &v, &[0.0; JOINTS_MAX]);
         let matrix = dynamics.mass_matrix(&posture);
         for (k, row) in matrix.iter().enumerate().take(JOINTS) {
@@ -121,9 +120,7 @@ fn gravity_torques_hold_any_posture() {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(6);
     for n in 0..100 {
         let q = uniform(&body, &mut rng);
-        let mut frames = Frames::default();
-        body.forward(&q, &mut frames);
-        let posture = dynamics.at(&frames);
+        let posture = posture(&body, &dynamics, &q);
         let (gravity, diagonal) = dynamics.gravity_and_diagonal(&posture);
         let still = accelerate(&body, &dynamics, &q, &[0.0; JOINTS_MAX], &gravity);
         assert!(farthest(&still, &[0.0; JOINTS_MAX]) < 1e-9, "{still:?}");

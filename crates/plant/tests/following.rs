@@ -1,13 +1,11 @@
 //! The joints follow the setpoints, and every fault has its effect.
 
-use crate::support::{ELBOW, GRIPPERS, HANDS, JOINTS, START, Sines, TICK_NS, body, config, rest, setpoint};
+use crate::support::{
+    ELBOW, GRIPPERS, HANDS, JOINTS, OPENARM, START, Sines, TICK_NS, UR5E, body, config, rest, setpoint,
+};
 use messages::{JOINTS_MAX, Stamp};
 use plant::{CATCH_UP_NS, Config, Injection, Judge, Options, Plant, STEP_NS, ViolationKind};
 use rand::{RngExt, SeedableRng};
-
-/// Share of all limits at once at which the joints follow within the margins. It is twice as fast as people's
-/// arms move on average. For faster motions see `SERVO_MARGIN_RAD`.
-const HALF: f64 = 0.5;
 
 /// A robot without noise that stands at home, and the number of the next setpoint.
 struct Bench {
@@ -63,12 +61,12 @@ impl Bench {
 }
 
 #[test]
-fn motions_at_half_of_limits_are_followed_within_3_mrad() {
-    for texts in [HANDS, GRIPPERS] {
+fn joints_lag_by_what_their_drives_do_not_know() {
+    for texts in [HANDS, GRIPPERS, OPENARM, UR5E] {
         let config = config(texts, &Options::default());
-        let mut rng = rand_pcg::Pcg64::seed_from_u64(11);
+        let (mut rng, mut most) = (rand_pcg::Pcg64::seed_from_u64(11), 0.0_f64);
         for seed in 0..4 {
-            let sines = Sines::bearable(&config, &mut rng, HALF);
+            let sines = Sines::bearable(&config, &mut rng, 1.0);
             let mut plant = Plant::new(&config, START, &sines.centre, seed);
             let mut judge = Judge::new(&config, &sines.centre);
             for k in 0..6000 {
@@ -79,19 +77,23 @@ fn motions_at_half_of_limits_are_followed_within_3_mrad() {
                 }
                 assert!(plant.receive_judged(&config, now, &sines.at(k), &mut judge));
                 let (wanted, since) = plant.followed();
-                let t = plant.truth().stamp.since(since) as f64 * 1e-9;
-                for j in 0..JOINTS {
-                    let q_ref = wanted.q[j] + t * (wanted.v[j] + t * wanted.a[j] / 2.0);
-                    let error = (plant.truth().q[j] - q_ref).abs();
-                    assert!(error < 0.003, "{}: joint {j} is {error} off at {k}", texts[0]);
+                let (t, truth) = (plant.truth().stamp.since(since) as f64 * 1e-9, plant.truth());
+                let lags = config.lags(&truth.q, &truth.v);
+                for (j, joint) in config.body().joints.iter().enumerate().filter(|_| k >= 3000) {
+                    // A drive that turns as fast as it may does not catch up.
+                    if wanted.v[j].abs() < 0.9 * joint.urdf.v_max {
+                        let q_ref = wanted.q[j] + t * (wanted.v[j] + t * wanted.a[j] / 2.0);
+                        let share = (truth.q[j] - q_ref).abs() / lags[j];
+                        assert!(share <= 1.0, "{}: joint {j} lags by {share} of {} at {k}", texts[0], lags[j]);
+                        most = most.max(share);
+                    }
                 }
             }
             // These sines do not avoid collisions.
             let report = judge.report();
             assert_eq!(report.total(), report.count(ViolationKind::Clearance), "{:?}", report.first);
-            let fastest = report.speed_ratio_max.iter().fold(0.0_f64, |most, ratio| most.max(*ratio));
-            assert!((0.9 * HALF..1.05 * HALF).contains(&fastest), "{fastest}");
         }
+        assert!(most > 0.75, "{}: no joint lags by more than {most} of its bound", texts[0]);
     }
 }
 
@@ -105,8 +107,7 @@ fn unknown_load_lowers_arm_slightly() {
 #[test]
 fn simulation_steps_do_not_depend_on_call_times() {
     let config = config(HANDS, &Options::default());
-    let (one, mut two) = (Plant::new(&config, START, config.home(), 1), Plant::new(&config, START, config.home(), 1));
-    let mut one = one;
+    let (mut one, mut two) = [1, 1].map(|seed| Plant::new(&config, START, config.home(), seed)).into();
     let sent: Vec<_> = (0..150).map(|k| setpoint(k, *config.home(), [0.005; JOINTS_MAX], [0.0; JOINTS_MAX])).collect();
     for (k, sent) in sent.iter().enumerate() {
         let now = START.plus_ns(k as u64 * TICK_NS);

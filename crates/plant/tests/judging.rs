@@ -25,9 +25,18 @@ fn looked(config: &Config, truth: &Truth) -> Judge {
 fn joint_beyond_limit_is_counted_by_kind() {
     let config = config(HANDS, &Options::default());
     let joint = &config.body().joints[ELBOW];
+    let mut end = *config.home();
+    end[ELBOW] = joint.limits.q_max;
+    let lag = config.lags(&end, &[0.0; JOINTS_MAX])[ELBOW];
+    assert!((0.0001..0.004).contains(&lag), "{lag}");
     type Set = fn(&mut Truth, f64);
     let rows: [(ViolationKind, Set, f64, f64); 4] = [
-        (ViolationKind::Position, |t, x| t.q[ELBOW] = x, joint.limits.q_max + 0.003, joint.limits.q_max + 0.006),
+        (
+            ViolationKind::Position,
+            |t, x| t.q[ELBOW] = x,
+            joint.limits.q_max + 0.9 * lag,
+            joint.limits.q_max + 1.1 * lag,
+        ),
         (ViolationKind::Velocity, |t, x| t.v[ELBOW] = -x, 1.04 * joint.limits.v_max, 1.06 * joint.limits.v_max),
         (ViolationKind::Effort, |t, x| t.tau[ELBOW] = -x, joint.limits.effort_max, 1.01 * joint.limits.effort_max),
         (ViolationKind::Velocity, |t, x| t.v[ELBOW] = x, 0.0, f64::NAN),
@@ -100,7 +109,7 @@ fn robot_starting_outside_may_move_inward_only() {
     truth.q[ELBOW] = limit + 0.015;
     let mut judge = Judge::new(&config, &truth.q);
     for (beyond, violations) in
-        [(0.015, 0), (0.018, 0), (0.01, 0), (0.012, 0), (0.015, 1), (-0.1, 1), (0.003, 1), (0.01, 2)]
+        [(0.015, 0), (0.0152, 0), (0.01, 0), (0.0102, 0), (0.015, 1), (-0.1, 1), (0.0002, 1), (0.01, 2)]
     {
         truth.q[ELBOW] = limit + beyond;
         judge.look(&config, &truth);

@@ -7,20 +7,24 @@ use rand::RngExt;
 /// A shipped robot: name of the robot file, its text, name of the URDF, its text.
 pub(crate) type Texts = [&'static str; 4];
 
+/// Returns the texts of a shipped robot.
+macro_rules! shipped {
+    ($robot:literal, $urdf:literal) => {
+        [
+            $robot,
+            include_str!(concat!("../../../../config/robots/", $robot)),
+            $urdf,
+            include_str!(concat!("../../../../config/robots/", $urdf)),
+        ]
+    };
+}
+
 /// The robot with two Hey5 hands.
-pub(crate) const HANDS: Texts = [
-    "tiago_dual.toml",
-    include_str!("../../../../config/robots/tiago_dual.toml"),
-    "tiago_dual.urdf",
-    include_str!("../../../../config/robots/tiago_dual.urdf"),
-];
+pub(crate) const HANDS: Texts = shipped!("tiago_dual.toml", "tiago_dual.urdf");
 /// The robot with two PAL grippers.
-pub(crate) const GRIPPERS: Texts = [
-    "tiago_dual_pal_gripper.toml",
-    include_str!("../../../../config/robots/tiago_dual_pal_gripper.toml"),
-    "tiago_dual_pal_gripper.urdf",
-    include_str!("../../../../config/robots/tiago_dual_pal_gripper.urdf"),
-];
+pub(crate) const GRIPPERS: Texts = shipped!("tiago_dual_pal_gripper.toml", "tiago_dual_pal_gripper.urdf");
+pub(crate) const OPENARM: Texts = shipped!("openarm_v10.toml", "openarm_v10.urdf");
+pub(crate) const UR5E: Texts = shipped!("ur5e_pair.toml", "ur5e_pair.urdf");
 
 /// Joints of TIAGo++.
 pub(crate) const JOINTS: usize = 17;
@@ -113,8 +117,9 @@ impl Sines {
 
     /// Returns the setpoint of tick `k`. It begins at rest. A ramp lets the sines grow within the first two seconds.
     pub(crate) fn at(&self, k: u64) -> Setpoint {
-        let t = k as f64 / 1500.0;
-        let (ramp, rate, bend) = ramp(t);
+        let (t, u) = (k as f64 / 1500.0, (k as f64 / 3000.0).min(1.0));
+        let (ramp, rate) = (u * u * u * (10.0 + u * (-15.0 + 6.0 * u)), 15.0 * u * u * (1.0 - u) * (1.0 - u));
+        let bend = 15.0 * u * (1.0 - u) * (1.0 - 2.0 * u);
         let mut out = rest(k, self.centre);
         for (j, [amplitude, omega, phase]) in self.rows.into_iter().enumerate() {
             let (sin, cos) = (omega * t + phase).sin_cos();
@@ -125,17 +130,4 @@ impl Sines {
         }
         out
     }
-}
-
-/// Returns a ramp from 0 to 1 within two seconds, with its derivatives: 10 u^3 - 15 u^4 + 6 u^5.
-fn ramp(t: f64) -> (f64, f64, f64) {
-    if t >= 2.0 {
-        return (1.0, 0.0, 0.0);
-    }
-    let u = t / 2.0;
-    (
-        u * u * u * (10.0 + u * (-15.0 + 6.0 * u)),
-        30.0 * u * u * (1.0 - u) * (1.0 - u) / 2.0,
-        60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / 4.0,
-    )
 }
