@@ -49,9 +49,9 @@ const DOUBT_RAD: [f64; 2] = [0.349, 0.873];
 const DOUBT_S: f64 = 2.0;
 /// Time without an image after which the limbs before it say nothing, ns. A person who comes back is believed at once.
 const FORGOTTEN_NS: u64 = 250_000_000;
-/// Age of the image before up to which one is refused that turns the trunk by more than a right angle, ns: one image of 23 to 44 Hz.
-/// The robot stops after 100 ms, so the next one must count.
-const SWAPPED_NS: u64 = 45_000_000;
+/// Age of the image before up to which one is refused that turns the trunk by more than a right angle, ns: one image of 27 to 53 Hz.
+/// The next one must count: after 75 ms the validation knows no front any more, and after 100 ms the robot stops.
+const SWAPPED_NS: u64 = 37_000_000;
 /// Distance of the trunk's centre from that of the image before, over the trunk's size, that shows another person, and its rise
 /// by the time between. Of 84 clips of one person each, at 30 Hz, the largest is 0.48. At 4 m/s a runner passes 0.3.
 const OTHER_PLACE: [f64; 2] = [0.5, 3.0];
