@@ -69,13 +69,10 @@ pub struct Cli {
     pub plot: Option<PathBuf>,
 }
 
-/// Robot without `--robot`.
-const ROBOT: &str = "tiago_dual";
-
 impl Cli {
-    /// Returns the robot whose retargeting is measured.
+    /// Returns the robot whose retargeting is measured. Without `--robot` it is TIAGo++.
     pub(crate) fn robot(&self) -> RobotChoice {
-        self.robot.clone().unwrap_or_else(|| ROBOT.into())
+        self.robot.clone().unwrap_or_else(|| "tiago_dual".into())
     }
 
     /// Returns our weights. True if the user named them.

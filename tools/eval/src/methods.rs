@@ -57,7 +57,7 @@ pub fn names() -> Vec<String> {
 pub fn prepare(cli: &Cli, human: &Path, weights: Option<&Weights>) -> Result<Vec<Method>, Failure> {
     let network = weights.map(|weights| Arc::new(weights.network.clone()));
     let missing = || {
-        let base = cli.weights().0.with_extension("");
+        let base = cli.weights().0.with_file_name(cli.robot().name());
         let robot = cli.robot().shipped_file().unwrap_or_default();
         let (human, robot, base) = (human.display(), robot.display(), base.display());
         Missing {

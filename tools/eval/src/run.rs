@@ -73,19 +73,24 @@ pub(crate) fn write_json(cli: &Cli, json: &Value) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Reads our weights. None if no method uses them, or if the user named none and there are none.
+/// Reads our weights. None if no method uses them, or if the user named none and the robot has none.
 fn read_weights(cli: &Cli, identity: &ArmIdentity) -> Result<Option<Weights>, Failure> {
     let (path, is_named) = cli.weights();
     let are_used = cli.methods.as_ref().is_none_or(|names| names.iter().any(|name| name.starts_with("ours")));
     if !are_used || !is_named && !path.exists() {
         return Ok(None);
     }
-    let manifest = path.with_extension("toml");
     let read =
         |path: &Path| std::fs::read(path).map_err(|cause| Failure::new(Exit::NoInput, rt::unreadable(path, &cause)));
-    let text = String::from_utf8_lossy(&read(&manifest)?).into_owned();
-    let weights = Weights::read(&text, &read(&path)?, identity);
-    weights.map(Some).map_err(|cause| Failure::new(Exit::DataErr, format!("{}: {cause}", path.display())))
+    let text = String::from_utf8_lossy(&read(&path.with_extension("toml"))?).into_owned();
+    // A robot without weights of its own has those of the default robot, if its arms are the same.
+    let are_others = !is_named && path.file_stem() != Some(cli.robot().name().as_ref());
+    match Weights::read(&text, &read(&path)?, identity) {
+        Err(_) if are_others => Ok(None),
+        weights => {
+            weights.map(Some).map_err(|cause| Failure::new(Exit::DataErr, format!("{}: {cause}", path.display())))
+        }
+    }
 }
 
 pub fn tasks(arm: &ArmModel, clips: Vec<Clip>) -> Vec<Task> {
@@ -123,11 +128,8 @@ pub fn postures(solver: &Solver, arm: &ArmModel, tasks: &[Task]) -> Vec<Vec<Post
 
 /// Returns poses to time, evenly from all clips, each with the oracle's posture of the previous frame.
 pub fn moments(tasks: &[Task]) -> Vec<Moment> {
-    let all = tasks.iter().flat_map(|task| {
-        let before = task.oracle.iter().copied();
-        task.clip.human.iter().skip(1).copied().zip(before)
-    });
-    let all: Vec<Moment> = all.collect();
+    let of_task = |task: &Task| task.clip.human.iter().skip(1).copied().zip(task.oracle.iter().copied()).collect();
+    let all = tasks.iter().map(of_task).collect::<Vec<Vec<Moment>>>().concat();
     let step = all.len().div_ceil(TIMED_POSES).max(1);
     all.into_iter().step_by(step).collect()
 }

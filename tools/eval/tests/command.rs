@@ -7,6 +7,7 @@ use eval::run::run;
 use motion::{CalibrationMode, Motion, builtin};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use tempfile::TempDir;
 
 pub fn root() -> PathBuf {
@@ -21,7 +22,7 @@ fn short(name: &str, frames: usize) -> Motion {
     motion
 }
 
-fn folder(names: &[&str], frames: usize) -> TempDir {
+pub fn folder(names: &[&str], frames: usize) -> TempDir {
     let folder = tempfile::tempdir().expect("a temporary folder");
     for name in names {
         motion::save_bvh(&short(name, frames), &folder.path().join(format!("{name}.bvh"))).expect("a motion file");
@@ -30,18 +31,10 @@ fn folder(names: &[&str], frames: usize) -> TempDir {
 }
 
 fn cli(folder: &TempDir, more: &[&str]) -> Cli {
-    let root = root();
-    let path = |name: &str| root.join(name).display().to_string();
-    let base = [
-        "eval".to_owned(),
-        "--human".to_owned(),
-        folder.path().display().to_string(),
-        "--robot".to_owned(),
-        path("config/robots/tiago_dual.toml"),
-        "--weights".to_owned(),
-        path("weights/tiago_dual.safetensors"),
-    ];
-    Cli::parse_from(base.into_iter().chain(more.iter().map(|word| (*word).to_owned())))
+    let path = |name: &str| root().join(name).display().to_string();
+    let (human, robot) = (folder.path().display().to_string(), path("config/robots/tiago_dual.toml"));
+    let weights = path("weights/tiago_dual.safetensors");
+    Cli::parse_from([&["eval", "--human", &human, "--robot", &robot, "--weights", &weights], more].concat())
 }
 
 fn measured(folder: &TempDir, more: &[&str]) -> Value {
@@ -83,6 +76,21 @@ fn missing_or_unknown_method_or_clip_is_an_error() {
     assert!(unknown.to_string().contains("magic") && unknown.to_string().contains("ours_k2"), "{unknown}");
     let clip = refused(&["--clips", "two"]);
     assert!(clip.text.starts_with("--clips names two: "), "{clip}");
+}
+
+#[test]
+fn robot_without_weights_is_measured_without_those_of_another() {
+    let folder = folder(&["one"], 20);
+    let (robots, heron) = (root().join("config/robots"), folder.path().join("heron.toml"));
+    let text = std::fs::read_to_string(robots.join("unitree_h1.toml")).expect("a robot file");
+    std::fs::write(&heron, text.replacen("\"unitree_h1\"", "\"heron\"", 1)).expect("a robot file");
+    std::fs::copy(robots.join("unitree_h1.urdf"), folder.path().join("unitree_h1.urdf")).expect("its URDF");
+    let mut eval = Command::new(env!("CARGO_BIN_EXE_eval"));
+    eval.current_dir(root()).arg("--human").arg(folder.path()).arg("--robot").arg(heron);
+    let eval = eval.output().expect("eval runs");
+    let out = String::from_utf8_lossy(&eval.stdout);
+    assert!(eval.status.success() && out.contains("missing ours_k2: "), "{eval:?}");
+    assert!(out.contains(" --out weights/heron\n"), "{out}");
 }
 
 #[test]

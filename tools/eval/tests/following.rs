@@ -1,5 +1,6 @@
 //! `eval --following`: the sign of the delay, and the command on a short motion.
 
+use crate::command::{folder, root};
 use clap::Parser;
 use eval::cli::Cli;
 use eval::following::{Person, Played, Sample, judge};
@@ -8,12 +9,7 @@ use messages::{Layout, Skeleton, Stamp, skeleton_flag};
 use retarget::{ArmModel, ArmQ, mirror, xyzw_from_rotation};
 use robot::Model;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
 use train::files::read_model;
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
 
 fn model() -> Model {
     read_model(&root().join("config/robots/tiago_dual.toml")).expect("the robot of the repository")
@@ -79,11 +75,7 @@ fn following_error_is_the_mean_angle_of_four_limbs() {
 
 #[test]
 fn following_command_writes_every_figure_of_a_motion() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let mut motion = motion::builtin();
-    motion.name = "short".to_owned();
-    motion.frames = motion.frames.into_iter().skip(500).take(120).collect();
-    motion::save_bvh(&motion, &folder.path().join("short.bvh")).expect("a motion file");
+    let folder = folder(&["short"], 120);
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (json, config) = (path("out.json"), root().join("config/teleop.toml").display().to_string());
     let from = path("");
