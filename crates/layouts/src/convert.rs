@@ -238,7 +238,7 @@ fn from_local(map: &Map, raw: &RawSkeleton) -> Body {
         };
         let place = match joint {
             0 => position(map, raw, own.min(RAW_JOINTS_MAX as u8 - 1)),
-            _ => body.position[parent] + rotate(body.rotation[parent], Vector3::from(OFFSET_M[joint])),
+            _ => body.position[parent] + rotate(body.rotation[parent], Vector3::from(OFFSET_M.map(|axis| axis[joint]))),
         };
         body.rotation[joint] = rotation;
         body.set(joint, place, seen);

@@ -391,30 +391,3 @@ fn npy_header_survives_write_and_read() {
         assert_eq!(npy::read_npy(bytes.as_slice()).expect("read").shape, shape);
     }
 }
-
-#[test]
-#[ignore = "needs the sample of HumanML3D in ../shared/motions/humanml3d"]
-fn humanml3d_sample_gives_same_limbs_in_both_formats() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/motions/humanml3d");
-    let joints = load(&folder.join("012314_new_joints.npy")).unwrap_or_else(|error| panic!("{error}"));
-    let features = load(&folder.join("012314_new_joint_vecs.npy")).unwrap_or_else(|error| panic!("{error}"));
-    for motion in [&joints, &features] {
-        assert_eq!(motion.guesses.warnings.len(), 1, "the rate alone: {:?}", motion.guesses.warnings);
-        assert!((1.4..2.0).contains(&motion.guesses.stature_m));
-    }
-    let worst = largest_angle(&joints, &features);
-    assert!(worst < 2.0, "limbs differ by {worst} degrees");
-    println!("limbs of the two formats differ by at most {worst:.4} degrees over {} frames", joints.frames.len());
-    // Normalised with the sample's own statistics, which are found beside the file.
-    let array = |name: &str| npy::read_npy(std::fs::File::open(folder.join(name)).expect("opened")).expect("read");
-    let (mean, std) = (array("Mean.npy").values, array("Std.npy").values);
-    let raw = array("012314_new_joint_vecs.npy");
-    let normalised: Vec<f64> = raw.values.iter().enumerate().map(|(i, x)| (x - mean[i % 263]) / std[i % 263]).collect();
-    let here = tempfile::tempdir().expect("a folder");
-    write_npy(&here.path().join("n.npy"), &raw.shape, &normalised, Kind::F64);
-    assert!(load(&here.path().join("n.npy")).is_err());
-    write_npy(&here.path().join("Mean.npy"), &[263], &mean, Kind::F64);
-    write_npy(&here.path().join("Std.npy"), &[263], &std, Kind::F64);
-    let read = load(&here.path().join("n.npy")).unwrap_or_else(|error| panic!("{error}"));
-    assert!(largest_angle(&joints, &read) < 2.0);
-}

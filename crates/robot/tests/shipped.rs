@@ -129,38 +129,6 @@ fn hash_changes_with_either_file() {
     assert_ne!(model.hash, load(TOML, &format!("{URDF}\n")).unwrap().hash);
 }
 
-#[test]
-#[ignore = "needs the manufacturer's URDF in ../shared/robots/tiago_dual"]
-fn manufacturer_urdf_has_same_kinematics() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/robots/tiago_dual/tiago_dual.urdf");
-    let theirs = std::fs::read_to_string(path).expect("the URDF");
-    let ours = shipped();
-    let parsed = urdf_rs::read_from_string(&theirs).unwrap();
-    let held: Vec<String> = parsed
-        .joints
-        .iter()
-        .filter(|joint| joint.joint_type != urdf_rs::JointType::Fixed && !ours.joint_names.contains(&joint.name))
-        .map(|joint| {
-            let slides = joint.joint_type == urdf_rs::JointType::Prismatic;
-            format!("held_{}.{} = 0.0\n", if slides { "m" } else { "rad" }, joint.name)
-        })
-        .collect();
-    assert!(held.len() > 40);
-    let toml = TOML.replacen("# Commanded joints", &format!("{}# Commanded joints", held.concat()), 1);
-    let model = load(&toml, &theirs).unwrap_or_else(|error| panic!("{error}"));
-    assert_eq!(model.urdf_limits, ours.urdf_limits);
-    let mut rng = <rand_pcg::Pcg64 as rand::SeedableRng>::seed_from_u64(7);
-    let (mut a, mut b) = (Frames::default(), Frames::default());
-    for _ in 0..200 {
-        let q = support::uniform(&ours, &mut rng);
-        ours.forward(&q, &mut a);
-        model.forward(&q, &mut b);
-        for (ours, theirs) in a.base_from_body.iter().zip(&b.base_from_body) {
-            assert!((ours.t - theirs.t).amax() < 1e-12 && (ours.r - theirs.r).amax() < 1e-12);
-        }
-    }
-}
-
 /// There are as many shapes as visuals in the URDF, since none of them is a mesh. The base's box of the
 /// wheels is where the file puts it.
 #[test]

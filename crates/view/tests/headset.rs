@@ -3,6 +3,8 @@
 use crate::{damage, message, random};
 use view::{AGE_MS_MAX, BODY_BYTES, HEADSET_BYTES, HeadsetFrame, Refusal};
 
+const NAN: f32 = f32::NAN;
+const INF: f32 = f32::INFINITY;
 const POSE: [f32; 8] = [0.1, 1.6, -0.2, 0.0, 0.0, 0.0, 1.0, 1.0];
 
 /// A head, a bare left hand and a controller in the right one, and a body if `joints` is 22.
@@ -46,17 +48,10 @@ fn f134_invalid_message_of_a_headset_is_refused_with_reason() {
         bad[at] = number;
         message(1.0, 2.0, &bad)
     };
-    for (bytes, refusal) in [
-        (with(0, 5.0), Refusal::Number),
-        (with(1, f32::NAN), Refusal::Number),
-        (with(1, 20.1), Refusal::Number),
-        (with(7, 0.5), Refusal::Number),
-        (with(4, f32::INFINITY), Refusal::Number),
-        (with(8, 0.7), Refusal::Number),
-        (with(9, 2.0), Refusal::Number),
-        (with(18, 0.6), Refusal::Number),
-        (with(31, 1.1), Refusal::Number),
-        (with(40, f32::NAN), Refusal::Number),
+    let numbers_off =
+        [(0, 5.0), (1, NAN), (1, 20.1), (7, 0.5), (4, INF), (8, 0.7), (9, 2.0), (18, 0.6), (31, 1.1), (40, NAN)];
+    let numbers_off = numbers_off.map(|(at, number)| (with(at, number), Refusal::Number));
+    for (bytes, refusal) in numbers_off.into_iter().chain([
         (message(f64::NAN, 2.0, &numbers(0)), Refusal::Number),
         (message(1.0, f64::NAN, &numbers(0)), Refusal::Age),
         (message(1.0, -1e-3, &numbers(0)), Refusal::Age),
@@ -64,7 +59,7 @@ fn f134_invalid_message_of_a_headset_is_refused_with_reason() {
         (message(1.0, 2.0, &numbers(0)[1..]), Refusal::Length),
         (message(1.0, 2.0, &numbers(21)), Refusal::Length),
         (vec![0; 16], Refusal::Length),
-    ] {
+    ]) {
         assert_eq!(HeadsetFrame::decode(&bytes).map(|_| ()), Err(refusal), "{} bytes", bytes.len());
     }
 }

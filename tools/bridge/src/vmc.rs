@@ -12,31 +12,12 @@ use messages::{RawSkeleton, SkeletonLayout, raw_flag};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 use rosc::{OscMessage, OscPacket, OscType};
 
-/// Bones of the body and their indices in `HumanBodyBones`. Fingers, eyes and jaw have no effect here.
-const BONES: [(&str, usize); 22] = [
-    ("Hips", HIPS),
-    ("LeftUpperLeg", 1),
-    ("RightUpperLeg", 2),
-    ("LeftLowerLeg", 3),
-    ("RightLowerLeg", 4),
-    ("LeftFoot", 5),
-    ("RightFoot", 6),
-    ("Spine", 7),
-    ("Chest", 8),
-    ("Neck", 9),
-    ("Head", 10),
-    ("LeftShoulder", 11),
-    ("RightShoulder", 12),
-    ("LeftUpperArm", 13),
-    ("RightUpperArm", 14),
-    ("LeftLowerArm", 15),
-    ("RightLowerArm", 16),
-    ("LeftHand", 17),
-    ("RightHand", 18),
-    ("LeftToes", 19),
-    ("RightToes", 20),
-    ("UpperChest", 54),
-];
+/// Bones of the body, by their indices in `HumanBodyBones`. Fingers, eyes and jaw have no effect here.
+const BONES: &str = "Hips LeftUpperLeg RightUpperLeg LeftLowerLeg RightLowerLeg LeftFoot RightFoot Spine Chest Neck Head \
+                     LeftShoulder RightShoulder LeftUpperArm RightUpperArm LeftLowerArm RightLowerArm LeftHand RightHand \
+                     LeftToes RightToes";
+/// One that stands apart.
+const UPPER_CHEST: (&str, usize) = ("UpperChest", 54);
 const HIPS: usize = 0;
 /// Number of bones of `HumanBodyBones`.
 const COUNT: usize = 55;
@@ -230,11 +211,16 @@ fn value(address: &'static str, bone: &'static str, name: &'static str, at: Opti
     at.and_then(number).ok_or(Refused::Value(address, bone, name, found))
 }
 
+/// Name and index of each bone of the body.
+fn bones() -> impl Iterator<Item = (&'static str, usize)> {
+    BONES.split(' ').zip(0..).chain([UPPER_CHEST])
+}
+
 /// Parses the bone, if it is one of the body, and a transform. It is None if a value is NaN or infinite, or the rotation is
 /// zero. The remaining values (scale and offset of the root) do not concern the person. VRM writes names with a small letter.
 fn named(address: &'static str, args: &[OscType]) -> Result<(Option<usize>, Option<Transform>), Refused> {
     let Some((OscType::String(name), values)) = args.split_first() else { return Err(Refused::Name(address)) };
-    let bone = BONES.iter().find(|(known, _)| known.eq_ignore_ascii_case(name));
+    let bone = bones().find(|(known, _)| known.eq_ignore_ascii_case(name));
     let mut all = [0.0; 7];
     for (n, x) in all.iter_mut().enumerate() {
         *x = value(address, bone.map_or("", |(known, _)| known), VALUES[n], values.get(n))?;
@@ -242,7 +228,7 @@ fn named(address: &'static str, args: &[OscType]) -> Result<(Option<usize>, Opti
     let [x, y, z, i, j, k, w] = all;
     let seen = all.iter().all(|x| x.is_finite()) && [i, j, k, w] != [0.0; 4];
     let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
-    Ok((bone.map(|(_, bone)| *bone), seen.then(|| Transform::from_parts([x, y, z].into(), rotation))))
+    Ok((bone.map(|(_, bone)| bone), seen.then(|| Transform::from_parts([x, y, z].into(), rotation))))
 }
 
 #[cfg(test)]
@@ -275,8 +261,8 @@ mod tests {
             bone("/VMC/Ext/Root/Pos", "root", [1.0, 0.0, 0.0, 0.0, HALF, 0.0, HALF]),
             bone("/VMC/Ext/Bone/Pos", "Hips", [0.0, 0.9, 0.5, 0.0, HALF, 0.0, HALF]),
         ];
-        for (name, i) in &BONES[1..] {
-            let q = (*i as f32 / 100.0).sin_cos();
+        for (name, i) in bones().skip(1) {
+            let q = (i as f32 / 100.0).sin_cos();
             all.push(bone("/VMC/Ext/Bone/Pos", name, [0.0, 0.1, 0.0, q.0, 0.0, 0.0, q.1]));
         }
         all.push(message("/VMC/Ext/T", vec![OscType::Float(time)]));
@@ -296,7 +282,7 @@ mod tests {
         for (is, expected) in frame.rotations[0].iter().zip([0.0, 1.0, 0.0, 0.0]) {
             assert!((is - expected).abs() < 1e-6, "half a turn: {:?}", frame.rotations[0]);
         }
-        for &(_, i) in &BONES[1..] {
+        for (_, i) in bones().skip(1) {
             let (sin, cos) = (i as f32 / 100.0).sin_cos();
             assert_eq!((frame.rotations[i], frame.confidence[i]), ([sin, 0.0, 0.0, cos], 1.0));
         }
@@ -330,7 +316,7 @@ mod tests {
             let mut marked = body(2.0);
             for name in ["LeftLowerArm", "LeftHand"] {
                 // The root comes first.
-                let place = 1 + BONES.iter().position(|(known, _)| *known == name).expect("a bone");
+                let place = 1 + bones().position(|(known, _)| known == name).expect("a bone");
                 marked[place] = bone("/VMC/Ext/Bone/Pos", name, mark);
             }
             let (_, frames) = take(&mut Vmc::default(), &bytes(marked));
@@ -343,8 +329,8 @@ mod tests {
         let mut vmc = Vmc::default();
         let rest = |time: f32| {
             let mut all = body(time);
-            for (name, _) in BONES.iter().filter(|(name, _)| name.starts_with("Left")) {
-                let place = 1 + BONES.iter().position(|(known, _)| known == name).expect("a bone");
+            for (name, _) in bones().filter(|(name, _)| name.starts_with("Left")) {
+                let place = 1 + bones().position(|(known, _)| known == name).expect("a bone");
                 all[place] = bone(BONE, name, STILL);
             }
             bytes(all)

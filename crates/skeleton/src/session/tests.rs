@@ -5,36 +5,23 @@ use crate::steps::{NOISE_M, jumped, lengths_stepped};
 use messages::{HingeCalibration, Layout, SMPL_JOINTS};
 
 /// A person in a T-pose who looks along x, in the order of SMPL-22.
-const T_POSE: [[f32; 3]; SMPL_JOINTS] = [
-    [0.0, 0.0, 1.0],
-    [0.0, 0.09, 0.93],
-    [0.0, -0.09, 0.93],
-    [0.0, 0.0, 1.1],
-    [0.0, 0.09, 0.5],
-    [0.0, -0.09, 0.5],
-    [0.0, 0.0, 1.2],
-    [0.0, 0.09, 0.08],
-    [0.0, -0.09, 0.08],
-    [0.0, 0.0, 1.3],
-    [0.15, 0.09, 0.08],
-    [0.15, -0.09, 0.08],
-    [0.0, 0.0, 1.45],
-    [0.0, 0.07, 1.42],
-    [0.0, -0.07, 1.42],
-    [0.0, 0.0, 1.55],
-    [0.0, 0.18, 1.42],
-    [0.0, -0.18, 1.42],
-    [0.0, 0.46, 1.42],
-    [0.0, -0.46, 1.42],
-    [0.0, 0.72, 1.42],
-    [0.0, -0.72, 1.42],
+const T_POSE: [[f32; SMPL_JOINTS]; 3] = [
+    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.15, 0.15, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [
+        0.0, 0.09, -0.09, 0.0, 0.09, -0.09, 0.0, 0.09, -0.09, 0.0, 0.09, -0.09, 0.0, 0.07, -0.07, 0.0, 0.18, -0.18,
+        0.46, -0.46, 0.72, -0.72,
+    ],
+    [
+        1.0, 0.93, 0.93, 1.1, 0.5, 0.5, 1.2, 0.08, 0.08, 1.3, 0.08, 0.08, 1.45, 1.42, 1.42, 1.55, 1.42, 1.42, 1.42,
+        1.42, 1.42, 1.42,
+    ],
 ];
 const MS: u64 = 1_000_000;
 /// 30 periods are half a second.
 const PERIOD_NS: u64 = 500 * MS / 30;
 
 fn person(change: impl Fn(&mut [[f32; 3]; SMPL_JOINTS])) -> Person {
-    let mut positions = T_POSE;
+    let mut positions = std::array::from_fn(|joint| T_POSE.map(|axis| axis[joint]));
     change(&mut positions);
     Person {
         positions,
@@ -103,8 +90,8 @@ fn knees_that_bend_backwards_lower_chirality_evidence() {
     let bend = |to: f32| {
         person(move |p| {
             for (ankle, foot) in [(Smpl::LeftAnkle, Smpl::LeftFoot), (Smpl::RightAnkle, Smpl::RightFoot)] {
-                p[ankle as usize] = [to, T_POSE[ankle as usize][1], 0.5];
-                p[foot as usize] = [to, T_POSE[ankle as usize][1], 0.4];
+                p[ankle as usize] = [to, T_POSE[1][ankle as usize], 0.5];
+                p[foot as usize] = [to, T_POSE[1][ankle as usize], 0.4];
             }
         })
     };
