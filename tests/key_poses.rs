@@ -44,7 +44,7 @@ impl Goal {
     fn at(shares: &[f64; 3]) -> Self {
         let (loaded, triangle) = default_poses();
         let network = &loaded.weights.as_ref().expect("weights").network;
-        let arm = ArmModel::from_model(&loaded.model);
+        let arm = ArmModel::from_model(&loaded.model, 0);
         let limbs = triangle.q(shares).each_ref().map(|q| arm.forward(q));
         let q = limbs.each_ref().map(|human| {
             let [start] = network.decode(&network.encode_human(&[features(human)]));

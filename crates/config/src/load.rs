@@ -7,7 +7,7 @@ use crate::settings::Settings;
 use driver::Interface;
 use layouts::{Layouts, Lifter, Map};
 use messages::{FNV_BASIS, fnv};
-use retarget::Method;
+use retarget::{Method, RIGHT_ARM};
 use robot::Model;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
@@ -211,6 +211,8 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     let operators_dir = folder.join(&settings.ingest.operators);
     let operators = Operators::read(&operators_dir)?;
     // The hash uses the text that was checked, because the file may have changed since.
+    let own_right = weights.is_some() && !model.mirrored;
+    files.extend(own_right.then(|| weight_files(&right_weights(&weights_path))).into_iter().flatten());
     let weights_read = weights.as_ref().map(|(_, text)| (text.clone(), weights_files));
     for (text, both) in [weights_read, prediction_read, lifter_read].into_iter().flatten() {
         hash = fnv(hash, text.as_bytes());
@@ -279,7 +281,26 @@ pub fn load_weights(base: &Path, model: &Model) -> Result<retarget::Weights, Con
 }
 
 fn read_weights(base: &Path, model: &Model) -> Result<(retarget::Weights, String), ConfigError> {
-    read_weight_files(base, |manifest, tensors| retarget::Weights::from_bytes(manifest, tensors, model))
+    let read = |base: &Path, side: usize| {
+        read_weight_files(base, |manifest, tensors| retarget::Weights::from_bytes(manifest, tensors, model, side))
+    };
+    let (mut left, text) = read(base, 0)?;
+    if model.mirrored {
+        return Ok((left, text));
+    }
+    let own = "the arms do not mirror: `train` writes the right one's weights there";
+    let (right, of_right) = read(&right_weights(base), 1).map_err(|error| match error {
+        ConfigError::Read { file, cause } => ConfigError::Read { file, cause: format!("{cause} ({own})") },
+        other => other,
+    })?;
+    left.network = left.network.with_right(right.network);
+    Ok((left, text + &of_right))
+}
+
+/// Path of the weights of a right arm that does not mirror the left one, without extension.
+fn right_weights(base: &Path) -> PathBuf {
+    let base = base.to_string_lossy();
+    PathBuf::from(format!("{}{RIGHT_ARM}", base.strip_suffix(".safetensors").unwrap_or(&base)))
 }
 
 /// Text of a manifest, and the two files that were read.

@@ -9,7 +9,7 @@ use robot::{Frames, Model};
 
 /// Returns what the measured robot says to the person. Mode, faults, speed and sentence are those of a status, and are left
 /// out. Not for a tick: it measures every checked pair.
-pub fn feedback(model: &Model, arm: &ArmModel, state: &RobotState, target: Option<&JointTarget>) -> Feedback {
+pub fn feedback(model: &Model, arms: &[ArmModel; 2], state: &RobotState, target: Option<&JointTarget>) -> Feedback {
     let mut feedback = Feedback { known: feedback_flag::STATE, ..Feedback::ZERO };
     let mut frames = Frames::default();
     model.forward(&state.q_measured, &mut frames);
@@ -26,7 +26,7 @@ pub fn feedback(model: &Model, arm: &ArmModel, state: &RobotState, target: Optio
         }
     }
     let person = target.map(|target| [0, 1].map(|side| limbs(target, side))).unwrap_or_default();
-    let behind = limb_angles(model, arm, &person, &state.q_measured);
+    let behind = limb_angles(model, arms, &person, &state.q_measured);
     for (limb, angle) in behind.into_iter().enumerate() {
         let Some(angle) = angle else { continue };
         feedback.limb_behind_rad[limb] = angle as f32;

@@ -187,7 +187,7 @@ impl Following {
         }
         let mut sum = 0.0;
         let (mut limbs, mut worst) = (0.0_f64, 0.0_f64);
-        for angle in limb_angles(&config.model, &config.arm, &target.limbs, q).into_iter().flatten() {
+        for angle in limb_angles(&config.model, &config.arms, &target.limbs, q).into_iter().flatten() {
             (sum, limbs, worst) = (sum + angle, limbs + 1.0, worst.max(angle));
         }
         let mean = sum / limbs.max(1.0);

@@ -50,7 +50,7 @@ pub struct Config {
     /// A Disengaged robot opens its grippers. Otherwise they hold what they hold.
     pub open_grippers_when_disengaged: bool,
     /// Kinematics of the limbs.
-    pub arm: ArmModel,
+    pub arms: [ArmModel; 2],
     /// Known delay from a setpoint to its measurement, s. The command's lead over that delay is no tracking error.
     pub servo_lag_s: f64,
     /// Tracking errors that stop, rad and m. The status names the joint with the largest share of them.

@@ -10,7 +10,7 @@ use robot::Model;
 /// without a person.
 pub(super) fn limb_angles(
     model: &Model,
-    arm_model: &ArmModel,
+    arm_models: &[ArmModel; 2],
     limbs: &[Option<Limbs>; 2],
     q: &[f64; JOINTS_MAX],
 ) -> [Option<f64>; LIMBS] {
@@ -18,7 +18,7 @@ pub(super) fn limb_angles(
     for (side, arm) in model.arms.iter().enumerate() {
         let Some(human) = &limbs[side] else { continue };
         let as_left = arm.mirrored(&arm.limb_values(q));
-        let degrees = arm_model.limb_error_deg(&as_left, human);
+        let degrees = arm_models[side].limb_error_deg(&as_left, human);
         angles[2 * side..2 * side + 2].copy_from_slice(&degrees.map(|angle| Some(angle.to_radians())));
     }
     angles
@@ -26,7 +26,7 @@ pub(super) fn limb_angles(
 
 /// Mean of these angles, rad. Zero without a person.
 pub(super) fn limb_error(config: &Config, limbs: &[Option<Limbs>; 2], q: &[f64; JOINTS_MAX]) -> f64 {
-    let angles = limb_angles(&config.model, &config.arm, limbs, q);
+    let angles = limb_angles(&config.model, &config.arms, limbs, q);
     let count = angles.iter().flatten().count();
     angles.iter().flatten().sum::<f64>() / count.max(1) as f64
 }

@@ -2,7 +2,7 @@
 
 use crate::LIMB_JOINTS;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use robot::limbs::{axis_rotation, rotate, rotation_error};
+use robot::limbs::{axis_rotation, place_on_side, rotate, rotation_error};
 use robot::{Frames, Model};
 
 pub use robot::Limbs;
@@ -52,12 +52,13 @@ impl Arm {
     /// Takes the left (0) or the right arm (1) of `model`. A right arm is taken as the left arm that mirrors it, in the
     /// right arm's own joint positions: an axis of the sign -1 points the other way.
     pub fn from_model(model: &Model, side: usize) -> Self {
-        let (left, arm) = (&model.arms[0], &model.arms[side]);
+        let (left, arm, measured) = (model.as_left(side), &model.arms[side], model.measured_side(side));
         let mut frames = Frames::default();
         model.forward(&model.t_pose(), &mut frames);
-        let origins = model.limb_places(&frames);
+        let origins = model.limb_places(&frames, measured);
         let torso_from_base = model.base_from_torso(&frames).transpose();
-        let links_m = std::array::from_fn(|j| torso_from_base * (origins[j + 1] - origins[j]));
+        let link = |j: usize| place_on_side(measured, torso_from_base * (origins[j + 1] - origins[j]));
+        let links_m = std::array::from_fn(link);
         Self::new(std::array::from_fn(|j| left.axes[j] * arm.signs[j]), arm.reference, links_m)
     }
 

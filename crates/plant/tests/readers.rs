@@ -40,6 +40,7 @@ fn robots() -> Vec<(&'static str, String)> {
         ("a heavy base that floats", edit(&heavy, "plate_to_post\"", "type=\"fixed\"", "type=\"floating\"")),
         ("quaternions", shoulders("0.4")),
         ("fingers", HERON.replacen("</robot>", FINGERS, 1)),
+        ("arms that do not mirror", edit(HERON, "starboard_a\"", "xyz=\"0 1 0\"", "xyz=\"0.2 0.98 0\"")),
         ("axes of other lengths", HERON.replace("xyz=\"0 1 0\"", "xyz=\"0 0.7 0\"")),
         ("joints without end", endless),
         ("placeholders", unknown.replace("effort=\"40\"", "")),

@@ -6,7 +6,7 @@ use robot::Model;
 /// Key poses of both arms, encoded, decoded and refined once.
 #[derive(Clone, Debug)]
 pub struct Keys {
-    arm: ArmModel,
+    arms: [ArmModel; ARMS],
     network: Network,
     keys: Vec<Key>,
 }
@@ -23,19 +23,19 @@ impl Keys {
     /// Passes each of `poses` through the human encoder, the decoder, and `refine_steps` Levenberg-Marquardt
     /// steps toward the human's limbs.
     pub fn new(model: &Model, network: &Network, poses: &[[Limbs; ARMS]], refine_steps: u32) -> Self {
-        let arm = ArmModel::from_model(model);
+        let arms = ArmModel::both(model);
         let key = |limbs: &[Limbs; ARMS]| {
-            let poses = retarget::solve_poses(&arm, network, limbs, refine_steps);
+            let poses = retarget::solve_poses(arms.each_ref(), network, limbs, refine_steps);
             let added = poses.map(|pose| std::array::from_fn(|j| pose.q[j] - pose.decoded[j]));
             Key { latents: poses.map(|pose| pose.latent), q: poses.map(|pose| pose.q), added }
         };
         let keys = poses.iter().map(key).collect();
-        Self { arm, network: network.clone(), keys }
+        Self { arms, network: network.clone(), keys }
     }
 
-    /// Returns the arm to which the joint positions belong.
-    pub fn arm(&self) -> &ArmModel {
-        &self.arm
+    /// Returns the arms to which the joint positions belong.
+    pub fn arms(&self) -> &[ArmModel; ARMS] {
+        &self.arms
     }
 
     /// Returns q = D_r(sum_i w_i z_i) + sum_i w_i (q_i - D_r(z_i)), rad, within the limits. The w_i are the shares of
@@ -49,7 +49,7 @@ impl Keys {
         let decoded = self.network.decode(&latents);
         std::array::from_fn(|arm| {
             let added: ArmQ = self.sum(shares, |key| key.added[arm]);
-            self.arm.clamp(&std::array::from_fn(|j| decoded[arm][j] + added[j]))
+            self.arms[arm].clamp(&std::array::from_fn(|j| decoded[arm][j] + added[j]))
         })
     }
 

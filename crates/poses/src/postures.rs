@@ -16,8 +16,8 @@ impl Postures {
     /// Creates it for `model`. Without weights it uses the closed form.
     pub fn new(model: &Model, weights: Option<Weights>, refine_steps: u32) -> Self {
         let network = weights.map(|weights| weights.network);
-        let arm = ArmModel::from_model(model);
-        let solver = PostureSolver { arm, network, refine_steps };
+        let arms = ArmModel::both(model);
+        let solver = PostureSolver { arms, network, refine_steps };
         Self { solver, home: model.home, arms: model.arms }
     }
 

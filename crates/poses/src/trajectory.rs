@@ -4,7 +4,7 @@ use crate::error::PosesError;
 use crate::motions::sway_all;
 use crate::person::{standing, with_limbs};
 use motion::{CalibrationMode, FRAMES_MAX, Frame, Motion};
-use retarget::contact::{Correction, Memory, PersonGeometry, Proportions};
+use retarget::contact::{Correction, Memory, PersonGeometry};
 use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, oracle, refine};
 use robot::Model;
 use std::path::Path;
@@ -43,8 +43,7 @@ pub fn ground_truth(model: &Model, motion: &Motion) -> Trajectory {
 /// As [`ground_truth`], for limbs that bring the hands to where the person's touch, with this weight from 0 to 1. See
 /// [`retarget::contact`].
 pub fn ground_truth_touching(model: &Model, motion: &Motion, weight: f64) -> Trajectory {
-    let arm = ArmModel::from_model(model);
-    let correction = Correction { robot: Proportions::from_model(model), weight };
+    let (models, correction) = (ArmModel::both(model), Correction::from_model(model, weight));
     let mut memory = Memory::default();
     let calibration = motion::calibrate(motion, CalibrationMode::Rig);
     let home = |side: usize| model.arms[side].mirrored(&model.arms[side].limb_values(&model.home));
@@ -55,11 +54,11 @@ pub fn ground_truth_touching(model: &Model, motion: &Motion, weight: f64) -> Tra
     let rows = people.map(|(frame, mut arms)| {
         let seen = arms.map(Some);
         if let Some(geometry) = PersonGeometry::measure(&frame.positions, &seen).filter(|_| weight > 0.0) {
-            let touching =
-                correction.apply(&arm, &geometry, (&seen, &[None; ARMS]), 1.0 / motion.frame_rate_hz, &mut memory);
+            let (limbs, frame_s) = ((&seen, &[None; ARMS]), 1.0 / motion.frame_rate_hz);
+            let touching = correction.apply(models.each_ref(), &geometry, limbs, frame_s, &mut memory);
             arms = std::array::from_fn(|side| touching[side].unwrap_or(arms[side]));
         }
-        previous = std::array::from_fn(|side| best(&arm, &arms[side], &previous[side]));
+        previous = std::array::from_fn(|side| best(&models[side], &arms[side], &previous[side]));
         own_positions(model, &previous)
     });
     let q = rows.collect();
@@ -205,9 +204,9 @@ fn at(rows: &[Row], time_s: f64) -> [ArmQ; ARMS] {
 
 /// Returns `standing` with the limb rotations U(q) and F(q) of the robot's forward kinematics, with both arms taken as
 /// left arms. Hands are in line with the forearms.
-pub(crate) fn person(arm: &ArmModel, standing: &Frame, q: &[ArmQ; ARMS]) -> Frame {
-    let arms = q.each_ref().map(|q| {
-        let limbs = arm.forward(q);
+pub(crate) fn person(models: &[ArmModel; ARMS], standing: &Frame, q: &[ArmQ; ARMS]) -> Frame {
+    let arms = std::array::from_fn(|arm| {
+        let limbs = models[arm].forward(&q[arm]);
         [limbs.upper, limbs.fore, limbs.fore]
     });
     with_limbs(standing, &arms)
@@ -217,9 +216,9 @@ pub(crate) fn person(arm: &ArmModel, standing: &Frame, q: &[ArmQ; ARMS]) -> Fram
 /// U(q) and F(q) of the robot's forward kinematics. Retargeting the person gives the trajectory back, through
 /// every check of a live person. Calibrate it with `CalibrationMode::Rig`.
 pub fn to_motion(trajectory: &Trajectory, model: &Model, name: &str) -> Motion {
-    let arm = ArmModel::from_model(model);
+    let arms = ArmModel::both(model);
     let standing = standing();
-    let mut frames: Vec<_> = trajectory.q.iter().map(|q| person(&arm, &standing, &own_positions(model, q))).collect();
+    let mut frames: Vec<_> = trajectory.q.iter().map(|q| person(&arms, &standing, &own_positions(model, q))).collect();
     sway_all(&mut frames);
     let warning = "a joint trajectory: the person has the limb rotations of the robot's forward kinematics";
     let mut motion = Motion::generated(name, trajectory.rate_hz, frames);

@@ -63,7 +63,7 @@ impl Triangle {
     /// Returns the standing person of [`Self::q`] as a client publishes it, `at_s` after its start, with its
     /// own hinges. Header, session and operator are zero, and the caller sets them.
     pub fn raw(&self, shares: &[f64; 3], at_s: f64) -> RawSkeleton {
-        let mut frame = person(self.keys.arm(), &self.standing, &self.q(shares));
+        let mut frame = person(self.keys.arms(), &self.standing, &self.q(shares));
         sway(&mut frame, at_s);
         let motion = Motion { frames: vec![frame], ..self.motion.clone() };
         motion::raw_frame(&motion, 0, &self.calibration)

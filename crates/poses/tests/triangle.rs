@@ -48,7 +48,7 @@ fn points(count: u32) -> impl Iterator<Item = [f64; 3]> {
 #[test]
 fn triangle_corner_decodes_to_its_own_pose() {
     let loaded = loaded();
-    let (arm, network) = (ArmModel::from_model(&loaded.model), &loaded.weights.as_ref().expect("weights").network);
+    let (arm, network) = (ArmModel::from_model(&loaded.model, 0), &loaded.weights.as_ref().expect("weights").network);
     for poses in [POSES, ["rest", "clap", "box"], ["cross-arms", "wave-left", "point-forward"]] {
         let triangle = triangle(&loaded, &poses);
         assert_eq!(triangle.names(), &poses.map(str::to_owned));

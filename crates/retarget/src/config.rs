@@ -10,7 +10,7 @@ use crate::height::Lift;
 use crate::posture::PostureSolver;
 use crate::prediction::Prediction;
 use crate::resample::DELAY_MAX_NS;
-use crate::weights::{ArmIdentity, Weights};
+use crate::weights::Weights;
 
 /// Largest number of refinement steps in a tick, at about 0.3 us each (measured 2026-11-21). From the third step on, a step
 /// gains less than 0.02 degrees (`eval`).
@@ -98,10 +98,10 @@ pub enum ConfigError {
 /// Data of the robot that a tick needs.
 #[derive(Clone, Debug)]
 pub struct RobotArms {
-    /// Identity and model of the left arm. The right arm is its mirror.
-    pub identity: ArmIdentity,
+    /// Both arms as left arms. They are equal if they mirror each other.
+    pub arms: [ArmModel; ARMS],
     /// Velocity limits of the joints that turn the limbs, rad/s.
-    pub velocity_max: ArmQ,
+    pub velocity_max: [ArmQ; ARMS],
     /// Home posture of all joints. The target shows it for a joint that is not valid.
     pub home: [f64; JOINTS_MAX],
     /// Number and order of the robot's joints.
@@ -116,15 +116,15 @@ pub struct RobotArms {
     pub head: Option<PointingJoints>,
     /// The joint that lifts the torso, if there is one.
     pub lift: Option<Lift>,
-    /// Its proportions.
-    pub proportions: Proportions,
+    /// Its proportions as each arm sees them.
+    pub proportions: [Proportions; ARMS],
 }
 
 /// Constant configuration of the stage.
 #[derive(Clone, Debug)]
 pub struct Config {
     pub(crate) solver: PostureSolver,
-    pub(crate) velocity_max: ArmQ,
+    pub(crate) velocity_max: [ArmQ; ARMS],
     pub(crate) home: [f64; JOINTS_MAX],
     pub(crate) robot: RobotId,
     pub(crate) joints: [[Option<usize>; ARM_Q]; ARMS],
@@ -152,7 +152,7 @@ impl Config {
             (Method::Network, Some(weights)) => Some(weights.network),
         };
         Ok(Self {
-            solver: PostureSolver { arm: robot.identity.arm.clone(), network, refine_steps: settings.refinement_steps },
+            solver: PostureSolver { arms: robot.arms.clone(), network, refine_steps: settings.refinement_steps },
             velocity_max: robot.velocity_max,
             home: robot.home,
             robot: robot.robot,
@@ -179,8 +179,8 @@ impl Config {
         if self.solver.network.is_some() { Method::Network } else { Method::ClosedForm }
     }
 
-    /// Model of the left arm. The right arm is its mirror.
-    pub fn arm(&self) -> &ArmModel {
-        &self.solver.arm
+    /// Models of both arms, as left arms.
+    pub fn arms(&self) -> &[ArmModel; ARMS] {
+        &self.solver.arms
     }
 }

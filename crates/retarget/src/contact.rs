@@ -38,10 +38,11 @@ use crate::closed_form::closed_form;
 use crate::kinematic_chain::KinematicChain;
 use crate::refine::{Objective, PRIOR_WEIGHT, Pull};
 use crate::smoothstep::smoothstep;
-use crate::surface::{ArmSurfaces, Surface, on_side};
+use crate::surface::{ArmSurfaces, Surface};
 use messages::{SMPL_JOINTS, Smpl};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use robot::Limbs;
+use robot::limbs::place_on_side;
 use robot::{PointingJoints, segment_distance};
 
 /// Length of the stretched arm of the adult to whom every person is scaled, m. Stature of 1.75 m (Winter, Biomechanics, 4th ed.,
@@ -99,10 +100,10 @@ const HEAD_PER_UPPER_ARM: f64 = 0.025 / 0.186;
 /// Sum of the squared lengths of the limbs across the shoulders' line, m^2, below which the lean of the torso is unknown.
 const ACROSS_MIN_M2: f64 = 1e-4;
 
-/// The robot's proportions.
+/// The robot's proportions as one arm sees them. A right arm's are those of a left one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Proportions {
-    /// The left arm. The right one is its mirror.
+    /// The arm.
     pub chain: KinematicChain,
     /// The joints of its wrist.
     pub wrist: PointingJoints,
@@ -110,15 +111,15 @@ pub struct Proportions {
     pub wrist_at: Vector3<f64>,
     /// The head. `None` without one.
     pub head: Option<Part>,
-    /// Length of a stretched arm, m.
+    /// Length of a stretched arm, the shorter one, m.
     pub reach_m: f64,
-    /// The left hand.
+    /// The hand.
     pub hand: Surface,
-    /// The left forearm, from the first joint of the wrist. It excludes the body between both wrist joints.
+    /// The forearm, from the first joint of the wrist. It excludes the body between both wrist joints.
     pub forearm: Surface,
     /// Distance from the middle between the shoulders forward to the chest's surface, m.
     pub chest_m: f64,
-    /// Extent of the torso forward and to the left of that middle, m.
+    /// Extent of the torso forward and to the arm's side of that middle, m.
     pub torso_m: [f64; 2],
 }
 
@@ -134,7 +135,7 @@ impl Proportions {
     fn surfaces(&self, side: usize, turned: Option<(UnitQuaternion<f64>, UnitQuaternion<f64>)>) -> ArmSurfaces {
         let (fore, bend) = turned.unwrap_or_default();
         let hand = fore * bend;
-        let wrist = on_side(side, hand * (self.wrist_at - self.chain.hand));
+        let wrist = place_on_side(side, hand * (self.wrist_at - self.chain.hand));
         ArmSurfaces { hand: self.hand.turned(side, &hand), forearm: self.forearm.turned(side, &fore).moved(&wrist) }
     }
 
@@ -188,7 +189,8 @@ impl PersonGeometry {
             let (upper, fore) = (elbow - shoulder, wrist - elbow);
             let hand_m = fore.norm() * (1.0 + HAND_PER_FOREARM);
             reach_m.get_or_insert(upper.norm() + hand_m);
-            let own = |rotation: &UnitQuaternion<f64>, length: f64| on_side(side, rotation * Vector3::y() * length);
+            let own =
+                |rotation: &UnitQuaternion<f64>, length: f64| place_on_side(side, rotation * Vector3::y() * length);
             let (torso_upper, torso_fore) = (own(&limbs.upper, upper.norm()), own(&limbs.fore, fore.norm()));
             for (seen, torso) in [(upper, torso_upper), (fore, torso_fore)] {
                 let (x, z) = (seen.dot(&front), seen.dot(&up));
@@ -196,7 +198,7 @@ impl PersonGeometry {
                 sine += z * torso.x - x * torso.z;
             }
             let half = Vector3::y() * (across.norm() / 2.0);
-            let elbow = on_side(side, half) + torso_upper;
+            let elbow = place_on_side(side, half) + torso_upper;
             elbows[side] = Some(elbow);
             hands[side] = Some(elbow + own(&limbs.fore, hand_m));
         }
@@ -262,8 +264,8 @@ impl Memory {
 /// The robot, and the weight of the correction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correction {
-    /// The robot's proportions.
-    pub robot: Proportions,
+    /// The robot's proportions as each arm sees them.
+    pub robot: [Proportions; ARMS],
     /// From 0 (none) to 1.
     pub weight: f64,
 }
@@ -272,7 +274,7 @@ impl Correction {
     /// Returns the corrected limbs R' of left arms, `elapsed_s` after the last call. Never allocates.
     pub fn apply(
         &self,
-        arm: &ArmModel,
+        arms: [&ArmModel; ARMS],
         person: &PersonGeometry,
         (limbs, hands): (&[Option<Limbs>; ARMS], &[Option<UnitQuaternion<f64>>; ARMS]),
         elapsed_s: f64,
@@ -293,13 +295,13 @@ impl Correction {
         }
         // Forearms of the last skeleton: they turn the wrists, and the wrists turn the hands' surfaces.
         let turned = [0, 1].map(|side| {
-            let fore = memory.arms[side].touching.map(|(q, _)| arm.forward(&q)).or(limbs[side])?.fore;
-            Some((fore, hands[side].map_or_else(UnitQuaternion::identity, |hand| self.robot.bend(&fore, &hand))))
+            let fore = memory.arms[side].touching.map(|(q, _)| arms[side].forward(&q)).or(limbs[side])?.fore;
+            Some((fore, hands[side].map_or_else(UnitQuaternion::identity, |hand| self.robot[side].bend(&fore, &hand))))
         });
-        let shapes = [0, 1].map(|side| self.robot.surfaces(side, turned[side]));
+        let shapes = [0, 1].map(|side| self.robot[side].surfaces(side, turned[side]));
         let targets = self.hand_targets(&person, &shapes, elapsed_s, memory);
         std::array::from_fn(|side| {
-            let kept = &mut memory.arms[side];
+            let (arm, kept) = (arms[side], &mut memory.arms[side]);
             let limbs = limbs[side]?;
             let Some(target) = &targets[side] else {
                 (kept.posture, kept.touching) = (None, None);
@@ -308,9 +310,9 @@ impl Correction {
             let start = kept.posture.unwrap_or_else(|| closed_form(arm, &limbs, &arm.mid()));
             let from = minimum(arm, &limbs, (&start, &start), None);
             kept.posture = Some(from);
-            let chain = self.robot.bent(&turned[side]?.1);
+            let chain = self.robot[side].bent(&turned[side]?.1);
             let own = chain.hand_center(arm, &from);
-            let to = own + (on_side(side, target.at) - own) * (target.share * self.weight);
+            let to = own + (place_on_side(side, target.at) - own) * (target.share * self.weight);
             let pull = Pull { chain: &chain, to, weight: WEIGHT };
             let start = kept.touching.map_or(from, |(q, _)| q);
             let touching = minimum(arm, &limbs, (&from, &start), Some(pull));
@@ -331,7 +333,7 @@ impl Correction {
         elapsed_s: f64,
         memory: &mut Memory,
     ) -> [Option<HandTarget>; ARMS] {
-        let (robot, scale) = (&self.robot, self.robot.reach_m / ADULT_REACH_M);
+        let (robot, scale) = (&self.robot[0], self.robot[0].reach_m / ADULT_REACH_M);
         let step = elapsed_s / SHARE_S;
         let toward = |share: &mut f64, wanted: f64| *share = wanted.clamp(*share - step, *share + step);
         let near = |a: Option<Vector3<f64>>, b: Option<Vector3<f64>>| {
@@ -405,8 +407,8 @@ impl Correction {
             let crossing_m = right_arm.crossing_m(left_arm, &(*left - *right));
             let apart = normal * (share / 2.0 * (APART_M - crossing_m).max(0.0));
             (*left, *right) = (*left + apart, *right - apart);
-            for (to, arm) in [(left, left_arm), (right, right_arm)] {
-                let before_m = arm.before_m(to, &self.robot.torso_m);
+            for (to, arm, robot) in [(left, left_arm, &self.robot[0]), (right, right_arm, &self.robot[1])] {
+                let before_m = arm.before_m(to, &robot.torso_m);
                 to.x += before / 2.0 * (APART_M - before_m).max(0.0);
             }
         }

@@ -49,4 +49,4 @@ pub use resample::{DELAY_MAX_NS, Placed, STALE_NS, Sample, SourceClock, Track};
 pub use robot::Limbs;
 pub use robot::limbs::{mirror, rotation_from_xyzw, slerp, xyzw_from_rotation};
 pub use tick::{Counters, Input, Output, State, tick};
-pub use weights::{ArmIdentity, FORMAT, Manifest, Weights, read_layers, write_weights};
+pub use weights::{ArmIdentity, FORMAT, Manifest, RIGHT_ARM, Weights, read_layers, write_weights};

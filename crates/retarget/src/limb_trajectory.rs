@@ -12,14 +12,14 @@
 //! Nodes up to the newest skeleton are measured. Later nodes are extrapolated.
 
 use crate::arm::{ARMS, ArmModel};
+use crate::contact::Proportions;
 use crate::kinematic_chain::KinematicChain;
 use crate::pointing::Blend;
 use crate::resample::{Sample, Track};
-use crate::surface;
 use messages::{HAND_NODES, LIMBS, Stamp, TICK_HZ, TRAJECTORY_NODE_TICKS, TRAJECTORY_NODES};
 use nalgebra::UnitQuaternion;
 use robot::Limbs;
-use robot::limbs::{on_side, xyzw_from_rotation};
+use robot::limbs::{on_side, place_on_side, xyzw_from_rotation};
 
 /// The trajectory of the last update.
 #[derive(Clone, Debug, Default)]
@@ -50,8 +50,8 @@ pub(crate) struct Person<'a> {
     pub(crate) skeletons: u64,
     /// The arms in use.
     pub(crate) in_use: [bool; ARMS],
-    /// The robot's left arm. `None` without contact correction.
-    pub(crate) robot: Option<(&'a ArmModel, &'a KinematicChain)>,
+    /// The robot's arms. `None` without contact correction.
+    pub(crate) robot: Option<(&'a [ArmModel; ARMS], &'a [Proportions; ARMS])>,
 }
 
 impl LimbTrajectory {
@@ -73,6 +73,7 @@ impl LimbTrajectory {
                 let Some((limbs, measured)) = tracks[arm].ahead(then, by) else { continue };
                 let needed = i < HAND_NODES || robot.is_some();
                 let shown = needed.then(|| tracks[arm].show_ahead(then, by)).flatten();
+                let robot = robot.map(|(models, robot)| (&models[arm], &robot[arm].chain));
                 let place = robot.zip(shown).and_then(|(robot, shown)| place(robot, arm, &shown, &limbs));
                 self.places[i][arm] = place.unwrap_or_default();
                 let limbs = [limbs.upper, limbs.fore].map(|limb| single(&on_side(arm, &limb)));
@@ -102,7 +103,7 @@ fn place((model, chain): (&ArmModel, &KinematicChain), arm: usize, shown: &Sampl
     let (q, share) = shown.touching?;
     let [upper, fore] = [chain.joints[3] - chain.joints[1], chain.hand - chain.joints[3]];
     let moved = limbs.upper * upper + limbs.fore * fore - shown.limbs.upper * upper - shown.limbs.fore * fore;
-    let at = surface::on_side(arm, chain.hand_center(model, &q) - chain.joints[0] + moved).cast::<f32>();
+    let at = place_on_side(arm, chain.hand_center(model, &q) - chain.joints[0] + moved).cast::<f32>();
     Some([at.x, at.y, at.z, (share * share) as f32])
 }
 

@@ -1,11 +1,12 @@
 //! Conversion of a robot model for the retargeting.
 
 use nalgebra::Vector3;
+use robot::limbs::{axis_on_side, place_on_side};
 use robot::{Frames, Model, segment_distance};
 
-use crate::arm::{ARM_Q, ArmModel};
+use crate::arm::{ARM_Q, ARMS, ArmModel};
 use crate::config::{Config, ConfigError, RobotArms, Settings};
-use crate::contact::{Part, Proportions};
+use crate::contact::{Correction, Part, Proportions};
 use crate::height::Lift;
 use crate::kinematic_chain::KinematicChain;
 use crate::surface::Surface;
@@ -24,32 +25,41 @@ const CHEST_STEP_M: f64 = 1e-3;
 const TORSO_M: f64 = -0.1;
 
 impl ArmModel {
-    /// Takes the left arm of `model`. The right arm is its mirror up to signs, which the model has derived.
-    pub fn from_model(model: &Model) -> Self {
-        let arm = &model.arms[0];
+    /// Takes the left (0) or the right arm (1) of `model` as a left arm: see [`Model::as_left`].
+    pub fn from_model(model: &Model, side: usize) -> Self {
+        let arm = model.as_left(side);
         let limit = |bound: fn(&robot::JointLimits) -> f64| arm.limb_values(&model.limits.each_ref().map(bound));
         Self::new(arm.axes, arm.reference, limit(|limits| limits.q_min), limit(|limits| limits.q_max))
+    }
+
+    /// Both arms of `model`.
+    pub fn both(model: &Model) -> [Self; ARMS] {
+        [0, 1].map(|side| Self::from_model(model, side))
     }
 }
 
 impl Proportions {
-    /// Measures `model`, with the torso and both wrists at home.
-    pub fn from_model(model: &Model) -> Self {
-        let arm = &model.arms[0];
+    /// Measures `model` as one arm sees it, with the torso and both wrists at home. See [`Model::as_left`].
+    pub fn from_model(model: &Model, side: usize) -> Self {
+        let side = model.measured_side(side);
+        let arm = &model.arms[side];
         let mut frames = Frames::default();
         model.forward(&model.t_pose(), &mut frames);
         let shoulder = |side: usize| frames.base_from_body[model.arms[side].range().start + 2].t;
         let middle = (shoulder(0) + shoulder(1)) / 2.0;
         let torso_from_base = model.base_from_torso(&frames).transpose();
-        let own = |at: Vector3<f64>| torso_from_base * (at - middle);
-        let places = model.limb_places(&frames).map(own);
+        let own = |at: Vector3<f64>| place_on_side(side, torso_from_base * (at - middle));
+        let [left, right] = [0, 1].map(|side| model.limb_places(&frames, model.measured_side(side)).map(own));
+        let length_m = |at: &[Vector3<f64>; ARM_Q + 1]| (at[3] - at[1]).norm() + (at[ARM_Q] - at[3]).norm();
+        let reach_m = length_m(&left).min(length_m(&right));
+        let places = if side == 0 { left } else { right };
         let (hand, joints) = (places[ARM_Q], std::array::from_fn(|slot| places[slot]));
-        let reach_m = (joints[3] - joints[1]).norm() + (hand - joints[3]).norm();
         let surface = |bodies: &[usize], center: Vector3<f64>| {
             let capsules = model.capsules.iter().filter(|capsule| bodies.contains(&capsule.body));
             Surface::new(capsules.map(|capsule| (capsule.ends(&frames).map(|end| own(end) - center), capsule.radius_m)))
         };
-        let wrist = model.wrists[0];
+        let mut wrist = model.wrists[side];
+        wrist.axes = wrist.axes.map(|axis| axis_on_side(side, axis));
         let wrist_at = wrist.joints[0].map_or(hand, |joint| own(frames.base_from_body[joint + 1].t));
         let head = model.head.as_ref().and_then(|head| {
             let body = head.joints[1]? + 1;
@@ -72,6 +82,13 @@ impl Proportions {
             chest_m,
             torso_m,
         }
+    }
+}
+
+impl Correction {
+    /// The correction for the arms of `model`.
+    pub fn from_model(model: &Model, weight: f64) -> Self {
+        Self { robot: [0, 1].map(|side| Proportions::from_model(model, side)), weight }
     }
 }
 
@@ -99,13 +116,13 @@ fn chest_m(model: &Model, frames: &Frames, from: Vector3<f64>) -> f64 {
 }
 
 impl ArmIdentity {
-    /// Returns the identity that weights for `model` must match. The hash covers what a network learns: joint
+    /// Returns the identity that weights for an arm of `model` must match. The hash covers what a network learns: joint
     /// names, axes, reference and limits of the arm. It leaves out the rest of the robot file, so a new collision
     /// capsule needs no new weights.
-    pub fn from_model(model: &Model) -> Self {
-        let arm = ArmModel::from_model(model);
+    pub fn from_model(model: &Model, side: usize) -> Self {
+        let arm = ArmModel::from_model(model, side);
         let name = |joint: Option<usize>| joint.map_or_else(String::new, |joint| model.joint_names[joint].clone());
-        let joints: [String; ARM_Q] = std::array::from_fn(|j| name(model.arms[0].slots[j]));
+        let joints: [String; ARM_Q] = std::array::from_fn(|j| name(model.as_left(side).slots[j]));
         let numbers = arm.axes.iter().flatten().chain(&arm.reference).chain(&arm.q_min).chain(&arm.q_max);
         let numbers = numbers.flat_map(|x| ((x / HASH_GRAIN).round() as i64).to_le_bytes());
         let names = joints.iter().flat_map(|name| name.bytes().chain([0]));
@@ -121,10 +138,10 @@ fn fnv(bytes: impl Iterator<Item = u8>) -> u64 {
 impl RobotArms {
     /// Takes the data of `model` that a tick needs.
     pub fn from_model(model: &Model) -> Self {
-        let velocity_max = model.arms[0].limb_values(&model.limits.map(|limits| limits.v_max));
+        let speeds = model.limits.map(|limits| limits.v_max);
         Self {
-            identity: ArmIdentity::from_model(model),
-            velocity_max,
+            arms: ArmModel::both(model),
+            velocity_max: [0, 1].map(|side| model.as_left(side).limb_values(&speeds)),
             home: model.home,
             robot: model.id(),
             joints: model.arms.each_ref().map(|arm| std::array::from_fn(|j| arm.slots[j])),
@@ -135,15 +152,15 @@ impl RobotArms {
                 let limits = &model.limits[joint];
                 Lift { joint, home: model.home[joint], q_min: limits.q_min, v_max: limits.v_max }
             }),
-            proportions: Proportions::from_model(model),
+            proportions: Correction::from_model(model, 0.0).robot,
         }
     }
 }
 
 impl Weights {
-    /// Reads a weights file (manifest text and safetensors bytes) for `model`. See `Weights::read`.
-    pub fn from_bytes(manifest_text: &str, bytes: &[u8], model: &Model) -> Result<Self, WeightsError> {
-        Self::read(manifest_text, bytes, &ArmIdentity::from_model(model))
+    /// Reads a weights file (manifest text and safetensors bytes) for an arm of `model`. See `Weights::read`.
+    pub fn from_bytes(text: &str, bytes: &[u8], model: &Model, side: usize) -> Result<Self, WeightsError> {
+        Self::read(text, bytes, &ArmIdentity::from_model(model, side))
     }
 }
 

@@ -3,7 +3,7 @@
 pub(crate) mod golden;
 use perceptron::{Dense, Perceptron};
 
-use crate::arm::{ARM_Q, ArmModel, ArmQ, FEATURES};
+use crate::arm::{ARM_Q, ARMS, ArmModel, ArmQ, FEATURES};
 
 /// Dimension of the shared latent space, one arm: the paper's (ImitationNet, 2023).
 pub const LATENT: usize = 8;
@@ -32,7 +32,7 @@ pub struct Layers {
     pub decoder: Vec<Dense>,
 }
 
-/// The networks, ready to run.
+/// The networks, ready to run. Of several arms, left and right ones come in turn.
 #[derive(Clone, Debug)]
 pub struct Network {
     human: Perceptron,
@@ -42,6 +42,8 @@ pub struct Network {
     half: ArmQ,
     q_min: ArmQ,
     q_max: ArmQ,
+    /// The networks of right arms that do not mirror the left one.
+    right: Option<Box<Self>>,
 }
 
 impl Network {
@@ -64,12 +66,25 @@ impl Network {
             half: arm.half(),
             q_min: arm.q_min,
             q_max: arm.q_max,
+            right: None,
         }
+    }
+
+    /// Adds the networks of a right arm that does not mirror the left one.
+    #[must_use]
+    pub fn with_right(self, right: Self) -> Self {
+        Self { right: Some(Box::new(right)), ..self }
+    }
+
+    /// Replaces what right arms of their own have of these outputs.
+    fn own_right<O: Copy, const N: usize>(&self, outputs: [O; N], run: impl Fn(&Self, usize) -> O) -> [O; N] {
+        let own = |n: usize| self.right.as_deref().filter(|_| n % ARMS == 1).map(|right| run(right, n));
+        std::array::from_fn(|n| own(n).unwrap_or(outputs[n]))
     }
 
     /// Q_h: encodes the features of `N` arms to latents.
     pub fn encode_human<const N: usize>(&self, features: &[[f32; FEATURES]; N]) -> [Latent; N] {
-        self.human.forward(features)
+        self.own_right(self.human.forward(features), |right, n| right.encode_human(&[features[n]])[0])
     }
 
     /// Q_r: encodes the postures of `N` arms, rad, to latents. The network's input is (q - mid) / half.
@@ -78,14 +93,14 @@ impl Network {
         let normalised =
             |j: usize, q: f64| if self.half[j] > 0.0 { ((q - self.mid[j]) / self.half[j]) as f32 } else { 0.0 };
         let input: [[f32; ARM_Q]; N] = std::array::from_fn(|n| std::array::from_fn(|j| normalised(j, q[n][j])));
-        self.robot.forward(&input)
+        self.own_right(self.robot.forward(&input), |right, n| right.encode_robot(&[q[n]])[0])
     }
 
     /// D_r: decodes the latents of `N` arms to postures within the limits, rad: mid + 1.02 half tanh(y), clamped.
     /// The result is not finite if the latent or the weights are not.
     pub fn decode<const N: usize>(&self, latents: &[Latent; N]) -> [ArmQ; N] {
         let y: [[f32; ARM_Q]; N] = self.decoder.forward(latents);
-        std::array::from_fn(|n| {
+        let postures = std::array::from_fn(|n| {
             std::array::from_fn(|j| {
                 let q = self.mid[j] + OVERREACH * self.half[j] * f64::from(tanh(y[n][j]));
                 // Not `clamp`: a NaN must pass, so the tick sees it.
@@ -97,7 +112,8 @@ impl Network {
                     q
                 }
             })
-        })
+        });
+        self.own_right(postures, |right, n| right.decode(&[latents[n]])[0])
     }
 }
 

@@ -1,7 +1,7 @@
 //! From a person's limbs to the joints of an arm: encode, decode, refine, compare with the previous posture. All users of
 //! retargeting call this module.
 
-use crate::arm::{ArmModel, ArmQ, features};
+use crate::arm::{ARMS, ArmModel, ArmQ, features};
 use crate::closed_form::closed_form;
 use crate::network::{Latent, Network};
 use crate::refine::{PRIOR_WEIGHT, refine};
@@ -25,9 +25,9 @@ pub struct SolvedPose {
     pub q: ArmQ,
 }
 
-/// Encodes, decodes and refines the limbs of `N` arms, each by itself.
+/// Encodes, decodes and refines the limbs of `N` arms, each by itself: a left and a right one in turn.
 pub fn solve_poses<const N: usize>(
-    arm: &ArmModel,
+    arms: [&ArmModel; ARMS],
     network: &Network,
     limbs: &[Limbs; N],
     refine_steps: u32,
@@ -35,7 +35,7 @@ pub fn solve_poses<const N: usize>(
     let latents = network.encode_human(&limbs.each_ref().map(features));
     let decoded = network.decode(&latents);
     std::array::from_fn(|n| {
-        let q = posture(arm, &limbs[n], &decoded[n], None, refine_steps);
+        let q = posture(arms[n % ARMS], &limbs[n], &decoded[n], None, refine_steps);
         SolvedPose { latent: latents[n], decoded: decoded[n], q }
     })
 }
@@ -66,8 +66,8 @@ pub fn posture(arm: &ArmModel, human: &Limbs, start: &ArmQ, previous: Option<&Ar
 /// Turns the limbs of a sequence of poses into postures.
 #[derive(Clone, Debug)]
 pub struct PostureSolver {
-    /// Model of the left arm. The right arm is its mirror.
-    pub arm: ArmModel,
+    /// Models of both arms, as left arms.
+    pub arms: [ArmModel; ARMS],
     /// `None` stands for the closed form.
     pub network: Option<Network>,
     /// Levenberg-Marquardt steps per arm.
@@ -76,22 +76,18 @@ pub struct PostureSolver {
 
 impl PostureSolver {
     /// Returns points of the latent space. They are zero without a network.
-    pub fn encode<const N: usize>(&self, limbs: &[Limbs; N]) -> [Latent; N] {
+    pub fn encode(&self, limbs: &[Limbs; ARMS]) -> [Latent; ARMS] {
         match &self.network {
             // Both arms at once cost hardly more than one, because the weights are read once.
             Some(network) => network.encode_human(&limbs.each_ref().map(features)),
-            None => [Latent::default(); N],
+            None => [Latent::default(); ARMS],
         }
     }
 
     /// Returns the next posture of each arm, rad. The closed form continues `previous`, the last posture of each arm,
     /// and [`posture`] may keep it. `None` for an arm without a sample or with a result of the network that is not
     /// finite.
-    pub fn next<const N: usize>(
-        &self,
-        samples: &[Option<Sample>; N],
-        previous: &[Option<ArmQ>; N],
-    ) -> [Option<ArmQ>; N] {
+    pub fn next(&self, samples: &[Option<Sample>; ARMS], previous: &[Option<ArmQ>; ARMS]) -> [Option<ArmQ>; ARMS] {
         let decoded = match &self.network {
             Some(network) if samples.iter().any(Option::is_some) => {
                 Some(network.decode(&samples.map(|sample| sample.map_or(Latent::default(), |sample| sample.latent))))
@@ -99,17 +95,17 @@ impl PostureSolver {
             Some(_) | None => None,
         };
         std::array::from_fn(|n| {
-            let limbs = &samples[n]?.limbs;
+            let (arm, limbs) = (&self.arms[n], &samples[n]?.limbs);
             let start = match &decoded {
                 Some(decoded) => decoded[n],
-                None => closed_form(&self.arm, limbs, &previous[n].unwrap_or_else(|| self.arm.mid())),
+                None => closed_form(arm, limbs, &previous[n].unwrap_or_else(|| arm.mid())),
             };
             let start = match samples[n].and_then(|sample| sample.touching) {
                 Some((q, share)) => std::array::from_fn(|j| start[j] + (q[j] - start[j]) * share),
                 None => start,
             };
             let finite = start.iter().all(|x| x.is_finite());
-            finite.then(|| posture(&self.arm, limbs, &start, previous[n].as_ref(), self.refine_steps))
+            finite.then(|| posture(arm, limbs, &start, previous[n].as_ref(), self.refine_steps))
         })
     }
 }

@@ -12,6 +12,7 @@
 //! Points are in the torso frame, m, from the middle between the shoulders.
 
 use nalgebra::{UnitQuaternion, Vector3};
+use robot::limbs::place_on_side;
 use robot::segment_distance;
 
 /// Most capsules of a surface.
@@ -46,7 +47,7 @@ impl Surface {
     /// Returns the surface of a left (0) or right (1) part after the rotation `turned` of a left part.
     pub(crate) fn turned(mut self, side: usize, turned: &UnitQuaternion<f64>) -> Self {
         for (ends, _) in &mut self.capsules[..self.len] {
-            *ends = ends.map(|end| on_side(side, turned * end));
+            *ends = ends.map(|end| place_on_side(side, turned * end));
         }
         self
     }
@@ -106,9 +107,4 @@ impl ArmSurfaces {
     pub(crate) fn before_m(&self, at: &Vector3<f64>, torso_m: &[f64; 2]) -> f64 {
         self.hand.before_m(at, torso_m).min(self.forearm.before_m(at, torso_m))
     }
-}
-
-/// Mirrors a vector between the left arm and the left (0) or right (1) arm. It is its own inverse.
-pub(crate) fn on_side(side: usize, v: Vector3<f64>) -> Vector3<f64> {
-    if side == 0 { v } else { Vector3::new(v.x, -v.y, v.z) }
 }

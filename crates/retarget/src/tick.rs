@@ -143,7 +143,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
         };
         state.refined[arm] = Some(q);
         if ticks > 0 {
-            state.dq[arm] = velocity(config, state.q[arm], &q, ticks);
+            state.dq[arm] = velocity(&config.velocity_max[arm], state.q[arm], &q, ticks);
         }
         state.q[arm] = Some(q);
     }
@@ -163,7 +163,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     }
     let State { tracks, trajectory, blends: [left, right, _], counters, .. } = state;
     let touches = config.correction.weight > 0.0;
-    let robot = touches.then_some((&config.solver.arm, &config.correction.robot.chain));
+    let robot = touches.then_some((&config.solver.arms, &config.correction.robot));
     let person = Person { tracks, blends: [left, right], skeletons: counters.skeletons, in_use, robot };
     trajectory.update(&person, input.k, playhead, now);
     (out.target.trajectory_first, out.target.trajectory_nodes, out.target.trajectory_measured) =
@@ -189,7 +189,7 @@ fn point_hands(
         let Some(q) = state.q[arm] else { continue };
         let own = |turn| on_side(arm, &turn);
         let hand = shown[arm].and_then(|sample| sample.hand);
-        let fore = config.solver.arm.forward(&q).fore;
+        let fore = config.solver.arms[arm].forward(&q).fore;
         let bend = state.blends[arm].next(hand.map(|hand| own(fore.inverse() * hand)), elapsed_s);
         target.human_hands[arm] = hand.map_or([0.0; 4], |hand| xyzw_from_rotation(&own(hand)));
         if let Some(bend) = bend {
@@ -303,13 +303,13 @@ fn correct_contacts(
         return *arms;
     };
     if let (Some(lift), Some(crouch_m)) = (&config.lift, crouch_m(&skeleton.positions)) {
-        let scale = config.correction.robot.reach_m / geometry.reach_m;
+        let scale = config.correction.robot[0].reach_m / geometry.reach_m;
         let before = state.lift.unwrap_or(lift.home);
         state.lift = Some(lift.next(before, crouch_m * scale, elapsed_s.min(STEP_MAX_S)));
     }
     if config.correction.weight > 0.0 {
         let hands = [0, 1].map(|arm| human_hand(skeleton, arm));
-        config.correction.apply(&config.solver.arm, &geometry, (arms, &hands), elapsed_s, &mut state.touch)
+        config.correction.apply(config.solver.arms.each_ref(), &geometry, (arms, &hands), elapsed_s, &mut state.touch)
     } else {
         *arms
     }
@@ -360,12 +360,12 @@ fn human_arm(skeleton: &Skeleton, arm: usize, counters: &mut Counters) -> Option
 
 /// Finite difference over `ticks` ticks, bounded by the velocity limits, rad/s. Zero if there is no previous
 /// posture or it is too old.
-fn velocity(config: &Config, before: Option<ArmQ>, q: &ArmQ, ticks: u64) -> ArmQ {
+fn velocity(most: &ArmQ, before: Option<ArmQ>, q: &ArmQ, ticks: u64) -> ArmQ {
     let Some(before) = before.filter(|_| ticks <= VELOCITY_TICKS_MAX) else {
         return [0.0; ARM_Q];
     };
     let dt = ticks as f64 * TICK_S;
-    std::array::from_fn(|j| ((q[j] - before[j]) / dt).max(-config.velocity_max[j]).min(config.velocity_max[j]))
+    std::array::from_fn(|j| ((q[j] - before[j]) / dt).max(-most[j]).min(most[j]))
 }
 
 fn assemble(
@@ -390,7 +390,7 @@ fn assemble(
         }
         let limbs = [sample.limbs.upper, sample.limbs.fore].map(|limb| xyzw_from_rotation(&on_side(arm, &limb)));
         target.human_limbs[2 * arm..2 * arm + 2].copy_from_slice(&limbs);
-        let error = config.solver.arm.limb_error_deg(&q, &sample.limbs);
+        let error = config.solver.arms[arm].limb_error_deg(&q, &sample.limbs);
         limb_error_rad[2 * arm..2 * arm + 2].copy_from_slice(&error.map(f64::to_radians));
     }
     target.header.origin = state.origin;

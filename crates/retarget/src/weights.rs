@@ -8,6 +8,8 @@ use crate::network::{HIDDEN_MAX, LATENT, Layers, Network, golden};
 
 /// The only format of the manifest so far.
 pub const FORMAT: u32 = 1;
+/// End of the name of a weights file for a right arm that does not mirror the left one.
+pub const RIGHT_ARM: &str = "_right";
 /// Largest difference between the limits that a network was trained for and the robot's, rad: rounding of decimal text.
 const LIMIT_TOLERANCE_RAD: f64 = 1e-9;
 

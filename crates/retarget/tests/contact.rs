@@ -84,13 +84,13 @@ fn geometry_does_not_depend_on_facing_or_lean() {
 
 #[test]
 fn child_touches_as_an_adult() {
-    let (arm, limbs) = (robot().identity.arm, touching());
+    let (arm, limbs) = (robot().arms[0].clone(), touching());
     let seen = [Some(limbs); 2];
     let adult = person(&[limbs; 2], &UnitQuaternion::identity());
     let corrected = [1.0, 0.5].map(|size| {
         let positions = adult.map(|at| if at == [0.0; 3] { at } else { at.map(|x| x * size) });
         let (geometry, mut memory) = (PersonGeometry::measure(&positions, &seen).expect("a person"), Memory::default());
-        let all = (0..60).map(|_| correction().apply(&arm, &geometry, (&seen, &[None; 2]), 0.02, &mut memory));
+        let all = (0..60).map(|_| correction().apply([&arm; 2], &geometry, (&seen, &[None; 2]), 0.02, &mut memory));
         all.last().expect("frames")[0].expect("an arm")
     });
     assert!(distance_deg(&corrected[0], &corrected[1]) < 0.01, "{corrected:?}");
@@ -99,24 +99,24 @@ fn child_touches_as_an_adult() {
 
 #[test]
 fn limbs_of_hands_that_touch_nothing_stay_to_the_last_bit() {
-    let arm = robot().identity.arm;
+    let arm = robot().arms[0].clone();
     let limbs = turned(0.2, 0.3, 0.4);
     let (seen, geometry) = upright(&[limbs; 2]);
     let mut memory = Memory::default();
     for _ in 0..10 {
-        assert_eq!(correction().apply(&arm, &geometry, (&seen, &[None; 2]), 0.02, &mut memory), seen);
+        assert_eq!(correction().apply([&arm; 2], &geometry, (&seen, &[None; 2]), 0.02, &mut memory), seen);
     }
 }
 
 #[test]
 fn correction_comes_and_goes_without_a_step() {
-    let (arm, limbs) = (robot().identity.arm, touching());
+    let (arm, limbs) = (robot().arms[0].clone(), touching());
     let (seen, geometry) = upright(&[limbs; 2]);
     let unseen = PersonGeometry { head: None, ..geometry };
     let (mut memory, mut before, mut most_deg) = (Memory::default(), limbs, 0.0_f64);
     for k in 0..150 {
         let person = if k < 75 { &geometry } else { &unseen };
-        let [left, _] = correction().apply(&arm, person, (&seen, &[None; 2]), 0.01, &mut memory);
+        let [left, _] = correction().apply([&arm; 2], person, (&seen, &[None; 2]), 0.01, &mut memory);
         let left = left.expect("an arm");
         most_deg = most_deg.max(distance_deg(&left, &limbs));
         let step_deg = distance_deg(&left, &before);
@@ -144,7 +144,7 @@ fn arms_apart_m(model: &robot::Model, q: &[f64; messages::JOINTS_MAX]) -> f64 {
 /// TIAGo++, and a person whose arms cross before the chest. The left one is above.
 fn crossing() -> (robot::Model, Correction, [Option<Limbs>; 2], PersonGeometry) {
     let model = shipped("tiago_dual");
-    let correction = Correction { robot: Proportions::from_model(&model), weight: 1.0 };
+    let correction = Correction::from_model(&model, 1.0);
     let limbs = [turned(1.6, 0.5, 1.5), turned(1.6, 0.6, 1.5)];
     let (limbs, geometry) = upright(&limbs);
     (model, correction, limbs, geometry)
@@ -153,11 +153,11 @@ fn crossing() -> (robot::Model, Correction, [Option<Limbs>; 2], PersonGeometry) 
 #[test]
 fn forearms_of_crossed_arms_stay_apart_with_the_left_one_on_the_persons_side() {
     let (model, correction, limbs, geometry) = crossing();
-    let arm = ArmModel::from_model(&model);
+    let arm = ArmModel::from_model(&model, 0);
     let posture = |geometry: &PersonGeometry| {
         let mut memory = Memory::default();
         (0..60).for_each(|_| {
-            correction.apply(&arm, geometry, (&limbs, &[None; 2]), 0.02, &mut memory);
+            correction.apply([&arm; 2], geometry, (&limbs, &[None; 2]), 0.02, &mut memory);
         });
         let mut q = model.home;
         for (arm, posture) in model.arms.iter().zip(memory.postures()) {
@@ -220,14 +220,14 @@ fn in_line() -> Vec<[Limbs; 2]> {
 fn still_person_whose_arms_cross_has_still_limbs() {
     for name in ROBOTS {
         let model = shipped(name);
-        let arm = ArmModel::from_model(&model);
-        let correction = Correction { robot: Proportions::from_model(&model), weight: 1.0 };
+        let arm = ArmModel::from_model(&model, 0);
+        let correction = Correction::from_model(&model, 1.0);
         for (fold, limbs) in folds().chain(in_line()).enumerate() {
             for rate_hz in [20.0, 60.0] {
                 let (limbs, geometry) = upright(&limbs);
                 let (mut memory, mut before, mut most_deg) = (Memory::default(), limbs, 0.0_f64);
                 for k in 0..300 {
-                    let out = correction.apply(&arm, &geometry, (&limbs, &[None; 2]), 1.0 / rate_hz, &mut memory);
+                    let out = correction.apply([&arm; 2], &geometry, (&limbs, &[None; 2]), 1.0 / rate_hz, &mut memory);
                     for (now, before) in out.iter().flatten().zip(before.iter().flatten()).filter(|_| k >= 200) {
                         most_deg = most_deg.max(distance_deg(now, before));
                     }
@@ -255,12 +255,12 @@ fn folds() -> impl Iterator<Item = [Limbs; 2]> {
 #[test]
 fn arms_that_cross_over_the_head_do_not_leave_the_torso() {
     let model = shipped("unitree_g1");
-    let (arm, robot) = (ArmModel::from_model(&model), Proportions::from_model(&model));
+    let (arm, robot) = (ArmModel::from_model(&model, 0), Proportions::from_model(&model, 0));
     let [with, without] = [robot.torso_m, [-9.0, 0.0]].map(|torso_m| {
-        let correction = Correction { robot: Proportions { torso_m, ..robot }, weight: 1.0 };
+        let correction = Correction { robot: [Proportions { torso_m, ..robot }; 2], weight: 1.0 };
         [2, 3].map(|over| {
             let (limbs, geometry) = upright(&in_line()[over]);
-            correction.apply(&arm, &geometry, (&limbs, &[None; 2]), 0.02, &mut Memory::default())
+            correction.apply([&arm; 2], &geometry, (&limbs, &[None; 2]), 0.02, &mut Memory::default())
         })
     });
     assert_eq!(with, without);
@@ -271,8 +271,7 @@ fn noise_of_folded_arms_is_not_magnified() {
     // The H1 cannot turn its forearms about their length, which counts here.
     for name in ROBOTS.into_iter().filter(|name| *name != "unitree_h1") {
         let model = shipped(name);
-        let (arm, correction) =
-            (ArmModel::from_model(&model), Correction { robot: Proportions::from_model(&model), weight: 1.0 });
+        let (arm, correction) = (ArmModel::from_model(&model, 0), Correction::from_model(&model, 1.0));
         let mut rng = Pcg64::seed_from_u64(5);
         let (mut seen, mut turned) = (Vec::new(), Vec::new());
         for clean in folds() {
@@ -287,7 +286,7 @@ fn noise_of_folded_arms_is_not_magnified() {
                     limbs_of(limbs.upper * Vector3::y() * UPPER_M + elbow, fore)
                 });
                 let (limbs, geometry) = upright(&limbs);
-                let out = correction.apply(&arm, &geometry, (&limbs, &[None; 2]), 1.0 / 60.0, &mut memory);
+                let out = correction.apply([&arm; 2], &geometry, (&limbs, &[None; 2]), 1.0 / 60.0, &mut memory);
                 let now = [limbs, out].map(|limbs| limbs.map(|limbs| limbs.expect("an arm")));
                 if let Some([limbs, out]) = before.replace(now).filter(|_| k >= 40) {
                     for side in 0..2 {
@@ -314,9 +313,8 @@ fn trajectory_has_places_of_touching_hands() {
     let model = shipped("tiago_dual");
     let settings = Settings { method: Method::ClosedForm, contact_weight: 1.0, ..Settings::default() };
     let config = Config::new(&model, None, &settings).expect("a configuration");
-    let (arm, correction) =
-        (ArmModel::from_model(&model), Correction { robot: Proportions::from_model(&model), weight: 1.0 });
-    let chain = &correction.robot.chain;
+    let (arm, correction) = (ArmModel::from_model(&model, 0), Correction::from_model(&model, 1.0));
+    let chain = &correction.robot[0].chain;
     let mut memory = Memory::default();
     let (mut skeletons, mut places) = (crate::limb_trajectory::source_at(person_at, 3.0, 60.0), Vec::new());
     for skeleton in &mut skeletons {
@@ -324,7 +322,7 @@ fn trajectory_has_places_of_touching_hands() {
         skeleton.positions = person(&person_at(t_s), &UnitQuaternion::identity());
         let limbs = person_at(t_s).map(Some);
         let geometry = PersonGeometry::measure(&skeleton.positions, &limbs).expect("a person");
-        correction.apply(&arm, &geometry, (&limbs, &[None; 2]), 1.0 / 60.0, &mut memory);
+        correction.apply([&arm; 2], &geometry, (&limbs, &[None; 2]), 1.0 / 60.0, &mut memory);
         let (q, share) = memory.postures()[0].expect("a hand that touches");
         places.push((t_s, chain.hand_center(&arm, &q) - chain.joints[0], share));
     }
@@ -363,13 +361,13 @@ fn trajectory_has_places_of_touching_hands() {
 #[test]
 fn arm_that_is_seen_or_lost_all_at_once_across_the_other_one_turns_it_without_a_step() {
     let (model, correction, limbs, geometry) = crossing();
-    let arm = ArmModel::from_model(&model);
+    let arm = ArmModel::from_model(&model, 0);
     let alone = PersonGeometry { hands: [geometry.hands[0], None], elbows: [geometry.elbows[0], None], ..geometry };
     let (mut memory, mut before, mut begun) = (Memory::default(), None, None);
     let mut most_deg = 0.0_f64;
     for k in 0..150 {
         let (person, seen) = if (50..100).contains(&k) { (&geometry, limbs) } else { (&alone, [limbs[0], None]) };
-        let [left, _] = correction.apply(&arm, person, (&seen, &[None; 2]), 0.01, &mut memory);
+        let [left, _] = correction.apply([&arm; 2], person, (&seen, &[None; 2]), 0.01, &mut memory);
         let left = left.expect("an arm");
         if k >= 50 {
             let step_deg = distance_deg(&left, &before.expect("a frame before"));
@@ -398,7 +396,7 @@ fn hand_that_is_nowhere_or_not_finite_leaves_the_limbs() {
     let one = [Some(limbs), None];
     let geometry = PersonGeometry::measure(&right, &one).expect("a person");
     let corrected =
-        correction().apply(&robot().identity.arm, &geometry, (&one, &[None; 2]), 0.02, &mut Memory::default());
+        correction().apply(robot().arms.each_ref(), &geometry, (&one, &[None; 2]), 0.02, &mut Memory::default());
     assert!(corrected[0].is_some() && corrected[1].is_none());
 }
 
@@ -406,7 +404,7 @@ fn hand_that_is_nowhere_or_not_finite_leaves_the_limbs() {
 fn chain_ends_where_the_robots_kinematics_have_the_hand() {
     for name in ["tiago_dual", "unitree_g1", "rby1a"] {
         let model = shipped(name);
-        let (arm, robot) = (ArmModel::from_model(&model), Proportions::from_model(&model));
+        let (arm, robot) = (ArmModel::from_model(&model, 0), Proportions::from_model(&model, 0));
         let mut frames = robot::Frames::default();
         for shift in [0.0, 0.2, -0.3] {
             let left: [f64; ARM_Q] = std::array::from_fn(|j| arm.mid()[j] + shift * arm.half()[j]);

@@ -6,7 +6,7 @@ use retarget::{ArmIdentity, ArmModel, Config, Manifest, Method, Settings, Weight
 
 #[test]
 fn shipped_robot_arm_matches_hand_computed_model() {
-    let (arm, design) = (ArmModel::from_model(&support::shipped("tiago_dual")), support::arm());
+    let (arm, design) = (ArmModel::from_model(&support::shipped("tiago_dual"), 0), support::arm());
     for (axis, want) in arm.axes.iter().zip(&design.axes) {
         assert!((axis - want).norm() < 1e-6, "{axis} instead of {want}");
     }
@@ -18,15 +18,15 @@ fn shipped_robot_arm_matches_hand_computed_model() {
 fn f094_f101_weights_fit_only_their_arm_regardless_of_comments() {
     let model = support::shipped("tiago_dual");
     let layers = support::layers(1, 2, 16);
-    let (bytes, text) = write_weights(&layers, &Manifest::new(&ArmIdentity::from_model(&model), &layers)).unwrap();
+    let (bytes, text) = write_weights(&layers, &Manifest::new(&ArmIdentity::from_model(&model, 0), &layers)).unwrap();
     let commented = support::edited("tiago_dual", |text| text + "\n# A comment.\n");
     assert_ne!(commented.hash, model.hash);
-    let weights = Weights::from_bytes(&text, &bytes, &commented).expect("a comment changes nothing");
+    let weights = Weights::from_bytes(&text, &bytes, &commented, 0).expect("a comment changes nothing");
     assert!(Config::new(&model, Some(weights), &Settings::default()).is_ok());
 
     let mut longer = model.clone();
     longer.limits[5].q_max -= 0.01;
-    let error = Weights::from_bytes(&text, &bytes, &longer).unwrap_err().to_string();
+    let error = Weights::from_bytes(&text, &bytes, &longer, 0).unwrap_err().to_string();
     assert!(error.contains("robot_hash"), "{error}");
 }
 

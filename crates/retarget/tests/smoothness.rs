@@ -42,13 +42,13 @@ fn arm_at_gimbal(rng: &mut Pcg64, arm: &ArmModel) -> Limbs {
 fn noise_at_gimbal_of_any_robot_moves_joints_within_bounds() {
     for name in support::ROBOTS {
         let model = support::shipped(name);
-        let (arm, network) = (ArmModel::from_model(&model), support::shipped_weights(&model).network);
+        let (arm, network) = (ArmModel::from_model(&model, 0), support::shipped_weights(&model).network);
         let mut rng = Pcg64::seed_from_u64(43);
         let (mut squares, mut count, mut worst) = (0.0, 0, 0.0_f64);
         for _ in 0..3000 {
             let human = arm_at_gimbal(&mut rng, &arm);
             let noisy = Limbs { upper: turned(&mut rng, &human.upper, 0.5), fore: turned(&mut rng, &human.fore, 0.5) };
-            let [clean, noisy] = [human, noisy].map(|limbs| solve_poses(&arm, &network, &[limbs], 2)[0].q);
+            let [clean, noisy] = [human, noisy].map(|limbs| solve_poses([&arm; 2], &network, &[limbs], 2)[0].q);
             squares += clean.iter().zip(&noisy).map(|(a, b)| (a - b).to_degrees().powi(2)).sum::<f64>();
             count += clean.len();
             worst = worst.max(largest_deg(&clean, &noisy));
@@ -67,7 +67,7 @@ fn noise_at_gimbal_of_any_robot_moves_joints_within_bounds() {
 fn output_is_continuous_when_joint_crosses_its_limit() {
     const STEP_DEG: f64 = 0.1;
     let model = support::shipped("tiago_dual");
-    let arm = ArmModel::from_model(&model);
+    let arm = ArmModel::from_model(&model, 0);
     let settings = Settings { following_delay_ms: 0.0, ..Settings::default() };
     let config = Config::new(&model, Some(support::shipped_weights(&model)), &settings).expect("a configuration");
     let mut rng = Pcg64::seed_from_u64(42);

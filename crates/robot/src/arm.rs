@@ -2,6 +2,7 @@
 
 use crate::error::RobotError;
 use crate::kinematics::Frames;
+use crate::limbs::axis_on_side;
 use crate::limits::JointLimits;
 use crate::model::{BodyLink, Model};
 use crate::pointing::POINTING_JOINTS;
@@ -218,11 +219,22 @@ impl Model {
         frames.base_from_body[self.arms[side].hand_body()].transform_point(&center)
     }
 
-    /// Origins of the left arm's limb slots and the middle of its hand, base frame, m. An empty slot has that of the next joint.
-    pub fn limb_places(&self, frames: &Frames) -> [Vector3<f64>; LIMB_JOINTS + 1] {
-        let mut places = [self.hand_center(frames, 0); LIMB_JOINTS + 1];
+    /// The arm whose geometry stands for the left (0) or the right one (1): the left one for both if they mirror.
+    pub fn measured_side(&self, side: usize) -> usize {
+        if self.mirrored { 0 } else { side }
+    }
+
+    /// The left (0) or the right arm (1) as a left one, with the axes of its mirror image. All postures are solved for it.
+    pub fn as_left(&self, side: usize) -> Arm {
+        let side = self.measured_side(side);
+        Arm { axes: self.arms[side].axes.map(|axis| axis_on_side(side, axis)), ..self.arms[side] }
+    }
+
+    /// Origins of an arm's limb slots and the middle of its hand, base frame, m. An empty slot has that of the next joint.
+    pub fn limb_places(&self, frames: &Frames, side: usize) -> [Vector3<f64>; LIMB_JOINTS + 1] {
+        let mut places = [self.hand_center(frames, side); LIMB_JOINTS + 1];
         for slot in (0..LIMB_JOINTS).rev() {
-            let joint = self.arms[0].slots[slot];
+            let joint = self.arms[side].slots[slot];
             places[slot] = joint.map_or(places[slot + 1], |joint| frames.base_from_body[joint + 1].t);
         }
         places
@@ -276,7 +288,7 @@ impl Model {
         RobotError::all(errors)
     }
 
-    /// Checks that the right arm is the mirror image of the left one, because one arm model serves both, and derives
+    /// Checks that the right arm is the mirror image of the left one, so that one arm model serves both, and derives
     /// the sign of each joint. The mirror at the plane y = 0 maps a rotation axis (x, y, z) to (-x, y, -z) at the
     /// same angle. So an axis along it has the sign 1, and one against it the sign -1. Limits that differ by the rounding of
     /// a text become the narrower ones, for both arms.
@@ -291,7 +303,7 @@ impl Model {
                 let (file, joint, key) = (file.into(), joint.clone(), key.into());
                 errors.push(RobotError::Joint { file, joint, key, value, bound });
             };
-            let image = Vector3::new(-n.x, n.y, -n.z);
+            let image = axis_on_side(1, n);
             let [along, against] = [1.0, -1.0].map(|sign| (axes[1][i] - image * sign).norm());
             let off = along.min(against);
             let mirrors = off <= AXIS_TOLERANCE;
@@ -300,7 +312,9 @@ impl Model {
             if i < LIMB_JOINTS {
                 let wanted = sign * left.reference[i];
                 if !mirrors {
-                    let bound = format!("must mirror the left arm's within {AXIS_TOLERANCE:e}");
+                    let bound = format!(
+                        "must mirror the left arm's within {AXIS_TOLERANCE:e}, or `mirrored = false` under [arms]"
+                    );
                     refuse("deviation of the axis", off, bound);
                 } else if !((wanted - right.reference[i]).abs() <= AXIS_TOLERANCE) {
                     refuse("reference_rad", right.reference[i], format!("must mirror the left arm's: {wanted}"));

@@ -2,7 +2,7 @@
 
 use crate::arm::ArmShape;
 use crate::error::RobotError;
-use crate::file::{ArmEntry, RobotFile, Sides};
+use crate::file::{ArmEntries, ArmEntry, RobotFile};
 use crate::kinematics::JointFrame;
 use crate::model::{BodyLink, Source};
 use crate::pose::{Pose, rotation};
@@ -215,7 +215,7 @@ impl Source<'_> {
     /// The shape of both arms, which must be the same.
     pub(crate) fn arms_shape(
         &self,
-        arms: &Sides<ArmEntry>,
+        arms: &ArmEntries,
         commanded: &CommandedJoints,
         torso_body: usize,
         bodies: (&[JointFrame], &[BodyLink]),

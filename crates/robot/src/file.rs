@@ -36,7 +36,7 @@ pub(crate) struct RobotFile {
     /// The same for those that slide, m.
     #[serde(default)]
     pub(crate) held_m: BTreeMap<String, f64>,
-    pub(crate) arms: Sides<ArmEntry>,
+    pub(crate) arms: ArmEntries,
     /// The robot's controllers. Without any, one controller has all joints.
     #[serde(default)]
     pub(crate) controllers: Vec<ControllerEntry>,
@@ -69,6 +69,15 @@ pub(crate) struct RobotFile {
 pub(crate) struct Sides<T> {
     pub(crate) left: T,
     pub(crate) right: T,
+}
+
+/// Both arms, and whether they mirror each other. A file that does not say so refuses arms that do not.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ArmEntries {
+    pub(crate) mirrored: Option<bool>,
+    pub(crate) left: ArmEntry,
+    pub(crate) right: ArmEntry,
 }
 
 /// An arm: its joints from the shoulder to the hand, the links whose rotations are its two limbs, and the T-pose.

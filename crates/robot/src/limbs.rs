@@ -157,6 +157,16 @@ pub fn on_side(arm: usize, rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64
     if arm == 0 { *rotation } else { mirrored(rotation) }
 }
 
+/// Mirrors a place between the left arm and the left (0) or right (1) arm. It is its own inverse.
+pub fn place_on_side(side: usize, v: Vector3<f64>) -> Vector3<f64> {
+    if side == 0 { v } else { Vector3::new(v.x, -v.y, v.z) }
+}
+
+/// The same for an axis. A turn about it by the same angle is the mirror image.
+pub fn axis_on_side(side: usize, axis: Vector3<f64>) -> Vector3<f64> {
+    if side == 0 { axis } else { Vector3::new(-axis.x, axis.y, -axis.z) }
+}
+
 /// As [`mirror`], for a rotation.
 #[inline]
 pub fn mirrored(rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {

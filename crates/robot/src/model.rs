@@ -71,7 +71,9 @@ pub struct Model {
     pub urdf_limits: [JointLimits; JOINTS_MAX],
     /// Home posture: used for every joint that has no target, rad or m.
     pub home: [f64; JOINTS_MAX],
-    /// Left and right arm. The right one is checked to be the mirror image of the left, up to a sign per joint.
+    /// The arms are checked to mirror each other, up to a sign per joint.
+    pub mirrored: bool,
+    /// Left and right arm.
     pub arms: [Arm; 2],
     /// Joints 6 and 7 of the left and the right arm. They turn the hand.
     pub wrists: [PointingJoints; 2],
@@ -145,7 +147,7 @@ impl Model {
     /// error messages.
     ///
     /// It refuses everything that would weaken a guarantee: texts that are not a tree of links, joints
-    /// without plausible limits, overrides that loosen, and arms that do not mirror. It also refuses a home
+    /// without plausible limits, overrides that loosen, and arms that only claim to mirror. It also refuses a home
     /// posture outside the limits or with too little clearance.
     ///
     /// ```
@@ -269,6 +271,7 @@ impl Source<'_> {
             limits,
             urdf_limits,
             home,
+            mirrored: file.arms.mirrored.unwrap_or(true),
             arms: [Arm::blank(); 2],
             wrists: [PointingJoints::NONE; 2],
             head: None,
@@ -363,7 +366,9 @@ impl Source<'_> {
             model.arms[side] = model.derive_arm(&joints, shape.in_slots(&arm.reference_rad));
         }
         model.check_shoulders(self.urdf)?;
-        model.mirror(self.toml)?;
+        if model.mirrored {
+            model.mirror(self.toml)?;
+        }
         let t_pose = model.t_pose();
         model.wrists = model.arms.each_ref().map(|arm| model.pointing(arm.hand_joints(), &t_pose));
         model.check_sides(self.toml)

@@ -52,20 +52,19 @@ struct Hanging {
 
 impl Following {
     pub(super) fn measure(model: &Model, weights: Option<&Weights>) -> Self {
-        let arm = ArmModel::from_model(model);
+        let arms = ArmModel::both(model);
         let motion = motion::builtin();
         let calibration = motion::calibrate(&motion, CalibrationMode::Rig);
         let (mut best_deg, mut solved_deg, mut count) = (0.0, 0.0, 0.0);
         let (mut apart, mut crossed) = (0.0, 0.0);
-        let mut previous = [arm.clamp(&arm.reference); 2];
+        let mut previous = arms.each_ref().map(|arm| arm.clamp(&arm.reference));
         for (frame, limbs) in motion::limbs(&motion, &calibration).iter().enumerate().step_by(EVERY) {
             let Some(limbs) = Limbs::from_message(limbs) else { continue };
-            for (human, previous) in limbs.iter().zip(&mut previous) {
-                *previous = oracle(&arm, human, previous).q;
-                best_deg += mean_error_deg(&arm, previous, human);
-                solved_deg += weights.map_or(0.0, |weights| {
-                    mean_error_deg(&arm, &solve_poses(&arm, &weights.network, &[*human], 2)[0].q, human)
-                });
+            let solved = weights.map(|weights| solve_poses(arms.each_ref(), &weights.network, &limbs, 2));
+            for (side, (arm, human)) in arms.iter().zip(&limbs).enumerate() {
+                previous[side] = oracle(arm, human, &previous[side]).q;
+                best_deg += mean_error_deg(arm, &previous[side], human);
+                solved_deg += solved.map_or(0.0, |solved| mean_error_deg(arm, &solved[side].q, human));
                 count += 1.0;
             }
             if wrists_apart_m(&motion, frame) > APART_M {
@@ -73,15 +72,18 @@ impl Following {
                 crossed += if hands_apart_m(model, &posture(model, &previous)) < 0.0 { 1.0 } else { 0.0 };
             }
         }
-        let t_pose = oracle(&arm, &Limbs::identity(), &arm.clamp(&arm.reference)).q;
-        let [upper, fore] = arm.limb_error_deg(&t_pose, &Limbs::identity());
+        let t_pose_deg = arms.each_ref().map(|arm| {
+            let t_pose = oracle(arm, &Limbs::identity(), &arm.clamp(&arm.reference)).q;
+            let [upper, fore] = arm.limb_error_deg(&t_pose, &Limbs::identity());
+            upper.max(fore)
+        });
         Self {
             best_deg: best_deg / count,
             solved_deg: weights.map(|_| solved_deg / count),
             crossed: crossed / f64::max(apart, 1.0),
-            t_pose_deg: upper.max(fore),
-            hanging: Hanging::measure(model, &arm),
-            best_max_deg: if arm.rolls == [true; 2] { BEST_MAX_DEG } else { WITHOUT_ROLL_MAX_DEG },
+            t_pose_deg: t_pose_deg[0].max(t_pose_deg[1]),
+            hanging: Hanging::measure(model, &arms),
+            best_max_deg: if arms[0].rolls == [true; 2] { BEST_MAX_DEG } else { WITHOUT_ROLL_MAX_DEG },
         }
     }
 
@@ -126,14 +128,14 @@ impl Following {
 }
 
 impl Hanging {
-    fn measure(model: &Model, arm: &ArmModel) -> Self {
-        let mut previous = arm.clamp(&arm.reference);
+    fn measure(model: &Model, arms: &[ArmModel; 2]) -> Self {
+        let mut previous = arms.each_ref().map(|arm| arm.clamp(&arm.reference));
         let mut at = |raised: usize| {
             // The left arm of the T-pose points along y. So it turns about x until it points down.
             let turn =
                 UnitQuaternion::from_axis_angle(&Vector3::x_axis(), (raised as f64 - T_POSE_DEG as f64).to_radians());
-            previous = oracle(arm, &Limbs { upper: turn, fore: turn }, &previous).q;
-            nearest(model, &posture(model, &[previous; 2]))
+            previous = [0, 1].map(|side| oracle(&arms[side], &Limbs { upper: turn, fore: turn }, &previous[side]).q);
+            nearest(model, &posture(model, &previous))
         };
         let (clearance_m, names) = at(0);
         let clear = |clearance_m: f64| clearance_m >= model.d_min_m;

@@ -106,7 +106,7 @@ impl Ports {
 }
 
 fn run(mut ports: Ports, model: &Model, mut header: Header, (slots, drops): (&Slots, &Dropped), ends: &AtomicBool) {
-    let (arm, names) = (ArmModel::from_model(model), Names::from_model(model));
+    let (arms, names) = (ArmModel::both(model), Names::from_model(model));
     let (mut status, mut state, mut target) = (None::<Status>, None::<RobotState>, None::<JointTarget>);
     let mut policy = None::<JointTarget>;
     let (mut due, mut round) = (rt::now(), 0);
@@ -147,7 +147,7 @@ fn run(mut ports: Ports, model: &Model, mut header: Header, (slots, drops): (&Sl
         if round % FEEDBACK_EVERY != 0 {
             continue;
         }
-        let mut feedback = state.map_or(Feedback::ZERO, |state| control::feedback(model, &arm, state, target));
+        let mut feedback = state.map_or(Feedback::ZERO, |state| control::feedback(model, &arms, state, target));
         if let Some(status) = status {
             feedback.known |= feedback_flag::STATUS;
             (feedback.mode, feedback.faults) = (status.mode, status.faults);

@@ -51,7 +51,7 @@ fn retarget_ticks(criterion: &mut Criterion) {
     let loaded = shipped();
     let config = world::retarget_config(&loaded).expect("settings are in range");
     let mut skeleton = Skeleton { flags: skeleton_flag::ALL, ..Skeleton::ZERO };
-    for (n, arm) in limbs(&ArmModel::from_model(&loaded.model)).iter().enumerate() {
+    for (n, arm) in limbs(&ArmModel::from_model(&loaded.model, 0)).iter().enumerate() {
         let limbs = [arm.upper, arm.fore].map(|limb| xyzw_from_rotation(&limb).map(|x| x as f32));
         skeleton.limbs[2 * n..2 * n + 2].copy_from_slice(&limbs);
     }
@@ -73,10 +73,10 @@ fn retarget_ticks(criterion: &mut Criterion) {
 /// Measures the parts of a retarget tick.
 fn retarget_parts(criterion: &mut Criterion) {
     let loaded = shipped();
-    let (arm, steps) = (ArmModel::from_model(&loaded.model), loaded.settings.retarget.refinement_steps);
+    let (arm, steps) = (ArmModel::from_model(&loaded.model, 0), loaded.settings.retarget.refinement_steps);
     let (limbs, network) = (limbs(&arm), loaded.weights.expect("the shipped weights").network);
     criterion.bench_function("encode, decode, refine", |bencher| {
-        bencher.iter(|| solve_poses(&arm, &network, black_box(&limbs), steps));
+        bencher.iter(|| solve_poses([&arm; 2], &network, black_box(&limbs), steps));
     });
     criterion.bench_function("encode, decode", |bencher| {
         bencher.iter(|| network.decode(&network.encode_human(&black_box(&limbs).each_ref().map(features))));

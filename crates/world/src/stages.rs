@@ -76,7 +76,7 @@ pub fn control_config(loaded: &Loaded, realtime: bool) -> Result<control::Config
         open_grippers_when_disengaged: loaded.settings.control.open_grippers_when_disengaged,
         follow: follow::Config::new(&model, &wbc.bounds().map(|bound| bound.v_max), follow::Weights::default()),
         wbc,
-        arm: ArmModel::from_model(&model),
+        arms: ArmModel::both(&model),
         servo_lag_s: f64::from(loaded.settings.servo_delay_ticks()) * messages::TICK_S + interface.delay_s(),
         tracking_max: [safety.tracking_error_rad, safety.tracking_error_m].map(|bound| bound * tracking),
         config_hash: loaded.hash,

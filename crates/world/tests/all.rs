@@ -20,3 +20,4 @@ mod robot_faults;
 mod robot_interface;
 mod simulated;
 mod support;
+mod unmirrored;

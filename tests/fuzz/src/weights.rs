@@ -19,7 +19,7 @@ pub(crate) static GOOD: LazyLock<Good> = LazyLock::new(|| {
     };
     let network = |inputs, outputs| vec![dense(inputs, 2), dense(2, outputs)];
     let layers = Layers { human: network(12, LATENT), robot: network(5, LATENT), decoder: network(LATENT, 5) };
-    let identity = ArmIdentity::from_model(&MODEL);
+    let identity = ArmIdentity::from_model(&MODEL, 0);
     let manifest = Manifest::new(&identity, &layers);
     let (tensors, manifest) = retarget::write_weights(&layers, &manifest).expect("good weights");
     Good { identity, manifest, tensors }

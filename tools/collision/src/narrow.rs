@@ -20,7 +20,7 @@ const STEPS: usize = 6;
 const PARTS: f64 = 1e4;
 
 /// Returns the model with narrower ranges, in which the pair never touches, or touches everywhere. `None` if no such ranges
-/// contain home and T-pose. Both arms get them.
+/// contain home and T-pose. Both arms get them if they mirror each other.
 pub fn narrow(model: &Model, plan: &Plan, capsules: &[Named], near: &Near) -> Option<Model> {
     let [first, second] = near.pair;
     let body = |index: usize| model.link_body(&capsules[index].link).map(|(body, _)| body);
@@ -84,11 +84,11 @@ fn widest(positions: &[Vec<f64>], whole: &[[f64; 2]], cores: &[[f64; 2]]) -> Opt
     all.reduce(|most, next| if next.0 > most.0 { next } else { most }).map(|(_, ranges)| ranges)
 }
 
-/// Narrows the range of a joint, and that of the same joint of the other arm.
+/// Narrows the range of a joint, and that of the same joint of an arm that mirrors this one.
 fn set_range(model: &mut Model, joint: usize, [low, high]: [f64; 2]) {
     let mut both = vec![(joint, [low, high])];
     let [left, right] = [0, 1].map(|side| model.arms[side].range());
-    for ((l, r), sign) in left.zip(right).zip(model.arms[1].joint_signs()) {
+    for ((l, r), sign) in left.zip(right).zip(model.arms[1].joint_signs()).filter(|_| model.mirrored) {
         let mirrored = if sign > 0.0 { [low, high] } else { [-high, -low] };
         both.extend([(l, r), (r, l)].iter().filter(|(own, _)| *own == joint).map(|(_, other)| (*other, mirrored)));
     }

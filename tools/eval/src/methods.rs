@@ -19,8 +19,8 @@ const OURS_STEPS_MAX: u32 = 3;
 /// Joint positions of both arms, rad.
 pub type Posture = [ArmQ; 2];
 
-pub fn limbs_of(arm: &ArmModel, posture: &Posture) -> Human {
-    posture.each_ref().map(|q| arm.forward(q))
+pub fn limbs_of(arms: [&ArmModel; 2], posture: &Posture) -> Human {
+    [0, 1].map(|side| arms[side].forward(&posture[side]))
 }
 
 #[derive(Debug)]
@@ -86,27 +86,27 @@ pub fn prepare(cli: &Cli, human: &Path, weights: Option<&Weights>) -> Result<Vec
 
 impl Solver {
     /// Returns both arms of one instant. `previous` is the method's own previous output.
-    pub fn pose(&self, arm: &ArmModel, human: &Human, previous: &Posture) -> Posture {
-        let each = |solve: &dyn Fn(usize) -> ArmQ| [solve(0), solve(1)];
+    pub fn pose(&self, arms: [&ArmModel; 2], human: &Human, previous: &Posture) -> Posture {
+        let each = |solve: &dyn Fn(usize, &ArmModel) -> ArmQ| [solve(0, arms[0]), solve(1, arms[1])];
         match self {
-            Self::Ours { network, steps } => solve_poses(arm, network, human, *steps).map(|pose| pose.q),
-            Self::ClosedForm => each(&|i| {
+            Self::Ours { network, steps } => solve_poses(arms, network, human, *steps).map(|pose| pose.q),
+            Self::ClosedForm => each(&|i, arm| {
                 let start = closed_form(arm, &human[i], &previous[i]);
                 refine(arm, &human[i], &start, &start, BASELINE_PRIOR_WEIGHT, BASELINE_STEPS).q
             }),
-            Self::PreviousFrame => {
-                each(&|i| refine(arm, &human[i], &previous[i], &previous[i], BASELINE_PRIOR_WEIGHT, BASELINE_STEPS).q)
-            }
-            Self::Oracle => each(&|i| oracle(arm, &human[i], &previous[i]).q),
+            Self::PreviousFrame => each(&|i, arm| {
+                refine(arm, &human[i], &previous[i], &previous[i], BASELINE_PRIOR_WEIGHT, BASELINE_STEPS).q
+            }),
+            Self::Oracle => each(&|i, arm| oracle(arm, &human[i], &previous[i]).q),
         }
     }
 
     /// Returns the postures of a whole clip. Each frame gets the previous output, and the first one the middle of the
     /// limits.
-    pub fn clip(&self, arm: &ArmModel, humans: &[Human]) -> Vec<Posture> {
-        let mut previous = [arm.mid(); 2];
+    pub fn clip(&self, arms: [&ArmModel; 2], humans: &[Human]) -> Vec<Posture> {
+        let mut previous = arms.map(ArmModel::mid);
         let next = |human| {
-            previous = self.pose(arm, human, &previous);
+            previous = self.pose(arms, human, &previous);
             previous
         };
         humans.iter().map(next).collect()

@@ -96,20 +96,20 @@ impl Mean {
     }
 }
 
-pub fn measure(arm: &ArmModel, tasks: &[Task], postures: &[Vec<Posture>]) -> MethodFigures {
+pub fn measure(arms: [&ArmModel; 2], tasks: &[Task], postures: &[Vec<Posture>]) -> MethodFigures {
     let mut tally = Tally::default();
     for (task, postures) in tasks.iter().zip(postures) {
-        tally.errors(arm, task, postures);
-        tally.motion(arm, task, postures);
+        tally.errors(arms, task, postures);
+        tally.motion(arms, task, postures);
     }
     tally.figures()
 }
 
 impl Tally {
-    fn errors(&mut self, arm: &ArmModel, task: &Task, postures: &[Posture]) {
+    fn errors(&mut self, arms: [&ArmModel; 2], task: &Task, postures: &[Posture]) {
         for ((human, posture), oracle) in task.clip.human.iter().zip(postures).zip(&task.oracle) {
             self.frames += 1;
-            for side in 0..2 {
+            for (side, arm) in arms.into_iter().enumerate() {
                 let (human_seen, q, best) = (human[side], &posture[side], &oracle[side]);
                 let robot = arm.forward(q);
                 let human = &robot.target(&human_seen, arm.rolls);
@@ -132,8 +132,8 @@ impl Tally {
         }
     }
 
-    fn motion(&mut self, arm: &ArmModel, task: &Task, postures: &[Posture]) {
-        for side in 0..2 {
+    fn motion(&mut self, arms: [&ArmModel; 2], task: &Task, postures: &[Posture]) {
+        for (side, arm) in arms.into_iter().enumerate() {
             let postures: Vec<ArmQ> = postures.iter().map(|both| both[side]).collect();
             let oracle: Vec<ArmQ> = task.oracle.iter().map(|both| both[side]).collect();
             for (q, human) in postures.windows(2).zip(task.clip.human.windows(2)) {

@@ -8,9 +8,10 @@ use crate::report::{Measured, Report, Setting};
 use crate::timing::{Moment, us_per_pose};
 use crate::{following, refusals, video, words};
 use ::report::print;
-use config::{Loaded, Overrides};
+use config::{ConfigError, Loaded, Overrides};
 use rayon::prelude::*;
-use retarget::{ArmIdentity, ArmModel, Weights};
+use retarget::{ArmModel, Weights};
+use robot::Model;
 use rt::{Exit, Failure};
 use serde_json::Value;
 use std::path::Path;
@@ -40,8 +41,8 @@ pub fn run(cli: &Cli) -> Result<(), Failure> {
 
 fn retargeting(cli: &Cli, human: &Path) -> Result<(), Failure> {
     let model = read_model(&cli.robot().shipped_file().map_err(Failure::with(Exit::Config))?)?;
-    let identity = ArmIdentity::from_model(&model);
-    let weights = read_weights(cli, &identity)?;
+    let arms = ArmModel::both(&model);
+    let weights = read_weights(cli, &model)?;
     let (clips, skipped) = clips::read(human, cli.clips.as_deref(), cli.calibration, &cli.load)?;
     for (file, reason) in &skipped {
         eprintln!("skipped {file}: {reason}");
@@ -56,8 +57,8 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), Failure> {
         let text = format!("--methods names {name}, but {reason}; make it with: {command}");
         return Err(Failure::new(Exit::NoInput, text));
     }
-    let tasks = tasks(&identity.arm, clips);
-    let report = report(cli, human, &identity.arm, weights.as_ref(), &methods, &tasks);
+    let tasks = tasks(arms.each_ref(), clips);
+    let report = report(cli, human, arms.each_ref(), weights.as_ref(), &methods, &tasks);
     print(&report);
     write_json(cli, &report.json())
 }
@@ -74,42 +75,38 @@ pub(crate) fn write_json(cli: &Cli, json: &Value) -> Result<(), Failure> {
 }
 
 /// Reads our weights. None if no method uses them, or if the user named none and the robot has none.
-fn read_weights(cli: &Cli, identity: &ArmIdentity) -> Result<Option<Weights>, Failure> {
+fn read_weights(cli: &Cli, model: &Model) -> Result<Option<Weights>, Failure> {
     let (path, is_named) = cli.weights();
     let are_used = cli.methods.as_ref().is_none_or(|names| names.iter().any(|name| name.starts_with("ours")));
     if !are_used || !is_named && !path.exists() {
         return Ok(None);
     }
-    let read =
-        |path: &Path| std::fs::read(path).map_err(|cause| Failure::new(Exit::NoInput, rt::unreadable(path, &cause)));
-    let text = String::from_utf8_lossy(&read(&path.with_extension("toml"))?).into_owned();
+    let exit = |error: &ConfigError| if let ConfigError::Read { .. } = error { Exit::NoInput } else { Exit::DataErr };
     // A robot without weights of its own has those of the default robot, if its arms are the same.
     let are_others = !is_named && path.file_stem() != Some(cli.robot().name().as_ref());
-    match Weights::read(&text, &read(&path)?, identity) {
+    match config::load_weights(&path, model) {
         Err(_) if are_others => Ok(None),
-        weights => {
-            weights.map(Some).map_err(|cause| Failure::new(Exit::DataErr, format!("{}: {cause}", path.display())))
-        }
+        weights => weights.map(Some).map_err(|error| Failure::new(exit(&error), error.to_string())),
     }
 }
 
-pub fn tasks(arm: &ArmModel, clips: Vec<Clip>) -> Vec<Task> {
-    let task = |clip: Clip| Task { oracle: Solver::Oracle.clip(arm, &clip.human), clip };
+pub fn tasks(arms: [&ArmModel; 2], clips: Vec<Clip>) -> Vec<Task> {
+    let task = |clip: Clip| Task { oracle: Solver::Oracle.clip(arms, &clip.human), clip };
     clips.into_par_iter().map(task).collect()
 }
 
 pub fn report(
     cli: &Cli,
     human: &Path,
-    arm: &ArmModel,
+    arms: [&ArmModel; 2],
     weights: Option<&Weights>,
     methods: &[Method],
     tasks: &[Task],
 ) -> Report {
     let moments = moments(tasks);
     let measured = |solver: &Solver| {
-        let postures = postures(solver, arm, tasks);
-        Measured { figures: measure(arm, tasks, &postures), us_per_pose: us_per_pose(solver, arm, &moments) }
+        let postures = postures(solver, arms, tasks);
+        Measured { figures: measure(arms, tasks, &postures), us_per_pose: us_per_pose(solver, arms, &moments) }
     };
     let rows = methods.iter().map(|Method { name, solver }| {
         let result = solver.as_ref().map(measured).map_err(Missing::clone);
@@ -119,10 +116,10 @@ pub fn report(
 }
 
 /// Retargets every clip by one method. The oracle's postures are not computed again.
-pub fn postures(solver: &Solver, arm: &ArmModel, tasks: &[Task]) -> Vec<Vec<Posture>> {
+pub fn postures(solver: &Solver, arms: [&ArmModel; 2], tasks: &[Task]) -> Vec<Vec<Posture>> {
     match solver {
         Solver::Oracle => tasks.iter().map(|task| task.oracle.clone()).collect(),
-        _ => tasks.par_iter().map(|task| solver.clip(arm, &task.clip.human)).collect(),
+        _ => tasks.par_iter().map(|task| solver.clip(arms, &task.clip.human)).collect(),
     }
 }
 

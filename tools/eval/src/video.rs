@@ -146,7 +146,7 @@ type Shown = fn(&Recorded, usize) -> Option<RawSkeleton>;
 
 fn follow(loaded: &Loaded, config: &WorldConfig, recorded: &Recorded, person: &Person, shown: Shown) -> Followed {
     let mut out = Followed::default();
-    let arm = ArmModel::from_model(&loaded.model);
+    let arms = ArmModel::both(&loaded.model);
     let mut world = World::new(config, SEED, Links::default());
     let (mut next, mut samples, mut engaged, mut judged) = (0, Vec::new(), 0_u64, 0_u64);
     let (mut k, mut begun_k) = (0_u64, None);
@@ -191,7 +191,7 @@ fn follow(loaded: &Loaded, config: &WorldConfig, recorded: &Recorded, person: &P
         let error = |sample: &Sample| {
             let then = Stamp(sample.at.0.saturating_sub(delay_ms * 1_000_000));
             let second = sample.at.since(Stamp(2_000_000_000)) as f64 * 1e-9;
-            Some((second, directions_deg(&limbs_of(&arm, &sample.q), &person.at(then)?)))
+            Some((second, directions_deg(&limbs_of(arms.each_ref(), &sample.q), &person.at(then)?)))
         };
         samples.iter().filter_map(error).collect()
     };

@@ -40,7 +40,7 @@ fn person(arm: &ArmModel, seconds: f64, speed: f64) -> Person {
 
 #[test]
 fn late_robot_has_small_error_only_at_its_own_delay() {
-    let arm = ArmModel::from_model(&model());
+    let arm = ArmModel::from_model(&model(), 0);
     let at = |i: u64| Stamp(BEGIN_NS + 1_000_000_000 + i * 20_000_000);
     for (late_s, sign) in [(0.12, 1.0), (0.0, 0.0), (-0.12, -1.0)] {
         let sample = |i: u64| {
@@ -49,7 +49,7 @@ fn late_robot_has_small_error_only_at_its_own_delay() {
         };
         let spans = vec![(0..100).map(sample).collect(), (150..200).map(sample).collect()];
         let played = Played { person: person(&arm, 6.0, 1.5), spans, ticks: 1, ..Played::default() };
-        let figures = judge(&arm, &played, &[60.0, 120.0, 200.0]).expect("figures");
+        let figures = judge([&arm; 2], &played, &[60.0, 120.0, 200.0]).expect("figures");
         let right = |deg: f64| deg < 0.1;
         assert_eq!(right(figures.at_deg[1]), sign > 0.0, "{late_s} s: {figures:?}");
         assert_eq!(right(figures.now_deg), sign == 0.0, "{late_s} s: {figures:?}");
@@ -62,13 +62,13 @@ fn late_robot_has_small_error_only_at_its_own_delay() {
 
 #[test]
 fn following_error_is_the_mean_angle_of_four_limbs() {
-    let arm = ArmModel::from_model(&model());
+    let arm = ArmModel::from_model(&model(), 0);
     let rest = arm.mid();
     let mut bent = rest;
     bent[3] += 0.2;
     let spans = vec![vec![Sample { at: Stamp(BEGIN_NS), q: [bent, rest] }]];
     let played = Played { person: person(&arm, 1.0, 0.0), spans, ticks: 1, ..Played::default() };
-    let figures = judge(&arm, &played, &[0.0]).expect("figures");
+    let figures = judge([&arm; 2], &played, &[0.0]).expect("figures");
     // One forearm of four limbs is off by 0.2 rad.
     assert!((figures.now_deg - 0.2_f64.to_degrees() / 4.0).abs() < 1e-3, "{figures:?}");
 }

@@ -6,7 +6,7 @@ use train::files::read_model;
 
 pub fn arm() -> ArmModel {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
-    ArmModel::from_model(&read_model(&file).expect("the robot file is valid"))
+    ArmModel::from_model(&read_model(&file).expect("the robot file is valid"), 0)
 }
 
 /// A motion of the eleven.
@@ -43,7 +43,7 @@ fn forearms_of_corrected_arms_that_cross_lie_before_the_torso() {
 fn limbs_of_a_resting_arm_do_not_leap_when_the_other_hand_leaves() {
     let model =
         train::files::read_model(std::path::Path::new("../../config/robots/tiago_dual.toml")).expect("the robot");
-    let arm = retarget::ArmModel::from_model(&model);
+    let arm = retarget::ArmModel::from_model(&model, 0);
     let motion = &named("box");
     let calibration = motion::calibrate(motion, motion::CalibrationMode::Rig);
     let people: Vec<_> = motion::limbs(motion, &calibration).iter().filter_map(Limbs::from_message).collect();

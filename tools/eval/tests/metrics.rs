@@ -29,7 +29,7 @@ fn task(human: &[Human], oracle: &[Posture]) -> Task {
 }
 
 fn figures(arm: &ArmModel, human: &[Human], oracle: &[Posture], postures: &[Posture]) -> MethodFigures {
-    measure(arm, &[task(human, oracle)], &[postures.to_vec()])
+    measure([arm; 2], &[task(human, oracle)], &[postures.to_vec()])
 }
 
 fn some(value: Option<f64>) -> f64 {

@@ -36,7 +36,7 @@ const KEYS: [&str; 4] = ["t-pose", "clap", "box", "rest"];
 #[test]
 fn trajectory_stops_at_every_pose_as_retargeted() {
     let (model, network) = robot();
-    let arm = ArmModel::from_model(&model);
+    let arm = ArmModel::from_model(&model, 0);
     for space in [Space::Latent, Space::Joint] {
         let found = between(space, &KEYS);
         assert_eq!(found.q.len(), 3 * 120 + 1);
@@ -58,7 +58,7 @@ fn trajectory_stops_at_every_pose_as_retargeted() {
 fn trajectory_is_monotone_in_joints_and_near_slerp_in_latent() {
     let joint = between(Space::Joint, &KEYS);
     let latent = between(Space::Latent, &KEYS);
-    let arm = ArmModel::from_model(&robot().0);
+    let arm = ArmModel::from_model(&robot().0, 0);
     let keys = poses(&KEYS);
     for piece in 0..3 {
         for side in 0..2 {
@@ -82,7 +82,7 @@ fn trajectory_is_monotone_in_joints_and_near_slerp_in_latent() {
 #[test]
 fn motion_of_a_trajectory_has_the_limbs_of_the_robot() {
     let (model, _) = robot();
-    let arm = ArmModel::from_model(&model);
+    let arm = ArmModel::from_model(&model, 0);
     let trajectory = between(Space::Latent, &["hands-to-chest", "point-forward"]);
     let motion = to_motion(&trajectory, &model, "test");
     let read = motion::parse_bvh("test", compact_bvh(&motion).as_bytes()).expect("is read");
@@ -173,7 +173,7 @@ fn interpolate_writes_both_files_and_refuses_to_replace_an_input() {
 #[test]
 fn trajectory_rows_between_random_poses_do_not_jump() {
     let (model, network) = robot();
-    let arm = ArmModel::from_model(&model);
+    let arm = ArmModel::from_model(&model, 0);
     let mut state = 7_u64;
     let mut uniform = || {
         // Knuth's linear congruential generator (MMIX).

@@ -88,7 +88,7 @@ pub fn evaluate(arm: &ArmModel, network: &Network, clips: &[Clip], stride: usize
         let mut previous = arm.mid();
         for (frame, pose) in sequence.iter().enumerate() {
             let human = limbs(pose);
-            let [found] = solve_poses(arm, network, &[human], STEPS);
+            let [found] = solve_poses([arm; 2], network, &[human], STEPS);
             k0.add(arm, &human, &found.decoded);
             k2.add(arm, &human, &found.q);
             arm_frames += 1;
@@ -111,7 +111,7 @@ fn gimbal_noise_deg(arm: &ArmModel, network: &Network, clips: &[Clip], stride: u
     for pose in clips.iter().flat_map(|clip| &clip.arms).flat_map(|arm| arm.iter().step_by(stride.max(1))) {
         let pose = near(&mut rng, &gimbal, pose);
         let both = [pose, noisy(&mut rng, &pose)].map(|pose| limbs(&pose));
-        let [clean, noisy] = solve_poses(arm, network, &both, STEPS).map(|solved| solved.q);
+        let [clean, noisy] = solve_poses([arm; 2], network, &both, STEPS).map(|solved| solved.q);
         squares += clean.iter().zip(&noisy).map(|(a, b)| (a - b).to_degrees().powi(2)).sum::<f64>();
         count += clean.len();
     }

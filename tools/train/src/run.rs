@@ -13,7 +13,7 @@ use crate::sampling::Recorded;
 use crate::session::{Options, Session, diverged};
 use crate::start::start;
 use indicatif::{ProgressBar, ProgressStyle};
-use retarget::{ArmIdentity, Manifest, Network};
+use retarget::{ArmIdentity, Manifest, Network, RIGHT_ARM};
 use rt::{Exit, Failure};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -42,8 +42,9 @@ pub fn run(cli: &Cli) -> Result<(), Failure> {
         return prediction::learn(out, &clips, steps, cli.seed, cli.calibration.name());
     }
     let recorded = clips.recorded();
+    let arms = cli.robot.iter().flat_map(|robot| [0, 1].map(|side| begin(cli, robot, side, &recorded).transpose()));
     let (runs, mut sessions): (Vec<Run>, Vec<Session>) =
-        cli.robot.iter().map(|robot| begin(cli, robot, &recorded)).collect::<Result<Vec<_>, _>>()?.into_iter().unzip();
+        arms.flatten().collect::<Result<Vec<_>, _>>()?.into_iter().unzip();
     train(&runs, &mut sessions, &recorded, &clips)?;
     for (run, session) in runs.iter().zip(&sessions) {
         let trained_on = description(&session.options, &clips, &recorded, cli.calibration.name());
@@ -58,14 +59,17 @@ struct Run {
     identity: ArmIdentity,
 }
 
-fn begin(cli: &Cli, robot: &Path, recorded: &Recorded) -> Result<(Run, Session), Failure> {
-    let identity = ArmIdentity::from_model(&read_model(robot)?);
+/// Begins the training of an arm. `None` for a right one that mirrors the left one.
+fn begin(cli: &Cli, robot: &Path, side: usize, recorded: &Recorded) -> Result<Option<(Run, Session)>, Failure> {
+    let model = read_model(robot)?;
+    let identity = ArmIdentity::from_model(&model, side);
     let arm = Arm::from(&identity.arm);
-    let out = if cli.robot.len() == 1 { cli.out.clone() } else { cli.out.join(&identity.robot) };
+    let mut out = if cli.robot.len() == 1 { cli.out.clone() } else { cli.out.join(&identity.robot) };
+    out.as_mut_os_string().push(if side == 0 { "" } else { RIGHT_ARM });
     let mut options = cli.options()?;
     options.mixture.gimbal = recorded.share_to_turn(&Gimbal::new(&arm));
     let session = Session::new(options, arm).starting_at(start(&identity.arm, recorded));
-    Ok((Run { out, identity }, session))
+    Ok((model.measured_side(side) == side).then_some((Run { out, identity }, session)))
 }
 
 fn write_product(

@@ -40,7 +40,7 @@ pub(crate) fn shipped_weights(model: &robot::Model) -> Weights {
     let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../weights").join(&model.name);
     let read = |end: &str| std::fs::read(base.with_extension(end)).expect("weights");
     let manifest = String::from_utf8(read("toml")).expect("text");
-    Weights::from_bytes(&manifest, &read("safetensors"), model).expect("they fit the robot")
+    Weights::from_bytes(&manifest, &read("safetensors"), model, 0).expect("they fit the robot")
 }
 
 /// Settings of the arm with random weights.
@@ -67,8 +67,8 @@ pub(crate) fn identity() -> ArmIdentity {
 
 pub(crate) fn robot() -> RobotArms {
     RobotArms {
-        identity: identity(),
-        velocity_max: [1.95, 1.95, 2.35, 2.35, 1.95],
+        arms: [arm(), arm()],
+        velocity_max: [[1.95, 1.95, 2.35, 2.35, 1.95]; 2],
         home: [0.25; JOINTS_MAX],
         robot: RobotId { hash: 7, joint_count: 17, reserved: 0 },
         joints: [3, 10].map(|first| std::array::from_fn(|j| Some(first + j))),
@@ -76,7 +76,7 @@ pub(crate) fn robot() -> RobotArms {
         wrists: [8, 15].map(wrist),
         head: None,
         lift: None,
-        proportions: Proportions {
+        proportions: [Proportions {
             // TIAGo++'s: the arm is straight along y.
             chain: KinematicChain {
                 joints: [-0.125, 0.0, 0.09, 0.311, 0.311].map(|along| Vector3::new(0.0, 0.28 + along, 0.0)),
@@ -90,7 +90,7 @@ pub(crate) fn robot() -> RobotArms {
             forearm: ball(0.07),
             torso_m: [0.1, 0.15],
             chest_m: 0.15,
-        },
+        }; 2],
     }
 }
 

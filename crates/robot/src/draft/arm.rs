@@ -88,7 +88,21 @@ impl ArmChain {
             }
         };
         let tip = joints.last().map_or_else(Vector3::zeros, |last| moved_center(tree, *last));
-        let joints: Vec<_> = (0..shape.joints()).map(joint).collect();
+        Self::from_joints((0..shape.joints()).map(joint).collect(), shape, tip)
+    }
+
+    /// The mirror image of a right arm, at the same positions: a left arm.
+    pub(super) fn as_left(&self) -> Self {
+        let flip = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0));
+        let image = |joint: &DraftJoint| {
+            let Pose { r, t } = joint.before_from_joint;
+            let before_from_joint = Pose { r: flip * r * flip, t: flip * t };
+            DraftJoint { before_from_joint, axis: -(flip * joint.axis), ..*joint }
+        };
+        Self::from_joints(self.joints.iter().map(image).collect(), self.shape, flip * self.tip)
+    }
+
+    fn from_joints(joints: Vec<DraftJoint>, shape: ArmShape, tip: Vector3<f64>) -> Self {
         let mut chain = Self { joints, shape, tip, along: [1.0; 2], straight_rad: 0.0, bends: 1.0 };
         let (poses, elbow) = (chain.poses(&[0.0; ARM_JOINTS]), chain.elbow());
         let along = |from: usize, to: usize, axis: usize| {

@@ -59,6 +59,7 @@ impl Load {
 }
 
 /// A limit that the URDF does not state, and the draft's proposal.
+#[derive(Clone)]
 pub(super) struct Supplied {
     pub(super) joint: usize,
     pub(super) key: &'static str,

@@ -35,6 +35,7 @@ pub struct Draft {
 }
 
 /// The parts of a robot that a robot file names, as indices of the URDF's joints.
+#[derive(Clone)]
 struct Found {
     torso_link: usize,
     /// The torso frame (x forward, y left, z up) in the torso link's frame.
@@ -42,6 +43,8 @@ struct Found {
     body: Vec<usize>,
     arms: [Vec<usize>; 2],
     shape: ArmShape,
+    /// Why the arms do not mirror each other. `None` if they do.
+    unmirrored: Option<String>,
     held: BTreeMap<usize, f64>,
     reference: [Posture; 2],
     home: [Positions; 2],
@@ -78,38 +81,55 @@ pub fn draft(urdf_name: &str, urdf_text: &str) -> Result<Draft, RobotError> {
     let [left, right] =
         arms.each_ref().map(|joints| ArmChain::new(&tree, (torso_link, &link_from_torso), joints, shape));
     let chains_of_arms = [left, right];
-    let signs = arm::signs(&chains_of_arms);
-    let [mut left, right] = chains_of_arms;
-    left.narrow(&right, &signs);
-    let reference = left.reference();
-    let grasp = [&left, &right].map(ArmChain::grasp);
-    let home = left.home();
-    let mirrored = Posture { q: std::array::from_fn(|i| signs[i] * reference.q[i] + 0.0), ..reference };
+    let (reference, home) = mirrored_postures(&chains_of_arms);
     let supplied = supplied.into_iter().filter(|one| arms.iter().flatten().any(|arm| *arm == one.joint)).collect();
-    let found = Found {
+    let mut found = Found {
         torso_link,
         link_from_torso,
         body,
         arms,
         shape,
+        unmirrored: None,
         held,
-        reference: [reference, mirrored],
-        home: [home, std::array::from_fn(|i| signs[i] * home[i] + 0.0)],
+        reference,
+        home,
         supplied,
         base_height_m: base_height_m(&tree),
-        grasp,
+        grasp: chains_of_arms.each_ref().map(ArmChain::grasp),
     };
-    let toml = write::toml(urdf_name, &tree, &found);
+    let toml_name = format!("{}.toml", urdf_name.trim_end_matches(".urdf"));
+    let load = |toml: &str| Model::from_draft(&toml_name, toml, urdf_name, urdf_text);
+    let mut toml = write::toml(urdf_name, &tree, &found);
+    let mut loaded = load(&toml);
+    if let Err(why) = &loaded {
+        // Arms that do not mirror each other may load by themselves.
+        let mut both = [chains_of_arms[0].clone(), chains_of_arms[1].as_left()];
+        let reference = both.each_mut().map(ArmChain::reference);
+        let unmirrored = why.to_string().lines().next().map(str::to_owned);
+        let own = Found { reference, home: both.each_ref().map(ArmChain::home), unmirrored, ..found.clone() };
+        let text = write::toml(urdf_name, &tree, &own);
+        if let Ok(model) = load(&text) {
+            (found, toml, loaded) = (own, text, Ok(model));
+        }
+    }
     let (mut guesses, mut decisions) = notes::notes(&tree, &found);
     guesses.extend(ends.into_iter().map(|why| format!("The arm ends there: {why}.")));
     decisions.extend(notes::of_placeholders(&tree, &placeholders));
     decisions.extend(notes::of_window(&tree, chains, start..start + shape.joints()));
     let mut refusals = Vec::from_iter(notes::of_t_pose(&tree, &found));
-    let toml_name = format!("{}.toml", urdf_name.trim_end_matches(".urdf"));
-    if let Err(error) = Model::from_draft(&toml_name, &toml, urdf_name, urdf_text) {
+    if let Err(error) = loaded {
         refusals.extend(error.to_string().lines().map(str::to_owned));
     }
     Ok(Draft { toml, guesses, decisions, refusals })
+}
+
+/// T-pose and home of both arms, which mirror each other.
+fn mirrored_postures(chains: &[ArmChain; 2]) -> ([Posture; 2], [Positions; 2]) {
+    let (signs, [mut left, right]) = (arm::signs(chains), chains.clone());
+    left.narrow(&right, &signs);
+    let (reference, home) = (left.reference(), left.home());
+    let mirrored = |q: &Positions| std::array::from_fn(|i| signs[i] * q[i] + 0.0);
+    ([reference, Posture { q: mirrored(&reference.q), ..reference }], [home, mirrored(&home)])
 }
 
 /// Where the joints of an arm begin in a chain, and how many turn which part: the first shape and place that fit and whose T-pose is

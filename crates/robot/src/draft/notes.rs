@@ -1,6 +1,7 @@
 //! Sentences of a draft for the person who completes it.
 
 use super::Found;
+use super::arm::Posture;
 use crate::arm::ArmShape;
 use crate::urdf::Tree;
 use nalgebra::Matrix3;
@@ -56,13 +57,7 @@ pub(super) fn notes(tree: &Tree, found: &Found) -> (Vec<String>, Vec<String>) {
     } else {
         format!("torso_rpy_rad turns `{torso}` so that x is forward, y left and z up. Check it.")
     });
-    if found.reference[0].outside > 0.0 {
-        decisions.push(format!(
-            "The arms cannot be held straight out to the sides: that is {:.2} rad outside of their ranges. reference_rad is the \
-             T-pose all the same. Check it.",
-            found.reference[0].outside
-        ));
-    }
+    decisions.extend(of_postures(found));
     decisions.extend(massless(tree, found));
     let head: Vec<usize> = found.body.iter().copied().filter(|joint| super::tree::is_head(tree, *joint)).collect();
     if head.len() >= 2 {
@@ -73,6 +68,24 @@ pub(super) fn notes(tree: &Tree, found: &Found) -> (Vec<String>, Vec<String>) {
     }
     decisions.extend(always(tree, found));
     (guesses, decisions)
+}
+
+/// Decisions about arms that do not mirror, and about a T-pose outside of the ranges.
+fn of_postures(found: &Found) -> impl Iterator<Item = String> {
+    let unmirrored = found.unmirrored.as_ref().map(|why| {
+        format!(
+            "The arms do not mirror each other ({why}). So `mirrored = false`: each arm is solved and trained by itself. If \
+             they should mirror, correct the URDF."
+        )
+    });
+    let outside = found.reference.iter().map(|posture| posture.outside).fold(0.0, f64::max);
+    let outside = (outside > 0.0).then(|| {
+        format!(
+            "The arms cannot be held straight out to the sides: that is {outside:.2} rad outside of their ranges. \
+             reference_rad is the T-pose all the same. Check it."
+        )
+    });
+    unmirrored.into_iter().chain(outside)
 }
 
 /// Decisions about every robot.
@@ -119,11 +132,12 @@ pub(super) fn of_window(tree: &Tree, chains: [&[usize]; 2], taken: std::ops::Ran
 
 /// A T-pose that does not exist.
 pub(super) fn of_t_pose(tree: &Tree, found: &Found) -> Option<String> {
-    let off = found.reference[0].off;
-    (off > super::arm::REACHED).then(|| {
-        let name = &tree.joints[found.arms[0][0]].name;
+    let mut sides = ["left", "right"].into_iter().zip(found.reference.iter().zip(&found.arms));
+    let missed = sides.find(|(_, (posture, _))| posture.off > super::arm::REACHED);
+    missed.map(|(side, (Posture { off, .. }, arm))| {
+        let name = &tree.joints[arm[0]].name;
         format!(
-            "arms.left.reference_rad: the T-pose of the arm from `{name}` was not found (directions are {:.2} off), must be \
+            "arms.{side}.reference_rad: the T-pose of the arm from `{name}` was not found (directions are {:.2} off), must be \
              entered by hand",
             off.sqrt()
         )

@@ -57,6 +57,9 @@ pub(super) fn toml(urdf_name: &str, tree: &Tree, found: &Found) -> String {
     out.push_str(
         "# The reference is the T-pose: both arms straight out to the sides, elbow flexion pointing forward.\n",
     );
+    if found.unmirrored.is_some() {
+        out.push_str("[arms]\nmirrored = false   # decide: each arm has its own geometry and weights\n\n");
+    }
     let limbs = found.shape.upper + found.shape.fore;
     for (side, joints) in found.arms.iter().enumerate() {
         let link = |i: usize| &tree.links[tree.joints[joints[i]].child];

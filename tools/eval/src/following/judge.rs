@@ -61,22 +61,22 @@ pub fn limbs_deg(robot: &Human, person: &Human) -> f64 {
 
 /// Returns the error of each sample of a span against the person `delay_ms` before, with the time of each. It
 /// begins with the first sample whose person belongs to the span too.
-pub fn errors_deg(arm: &ArmModel, played: &Played, span: &[Sample], delay_ms: f64) -> Vec<(Stamp, f64)> {
+pub fn errors_deg(arms: [&ArmModel; 2], played: &Played, span: &[Sample], delay_ms: f64) -> Vec<(Stamp, f64)> {
     let delay_ns = (delay_ms * 1e6).round() as u64;
     let Some(first) = span.first() else { return Vec::new() };
     let error = |sample: &Sample| {
         let then = Stamp(sample.at.0.checked_sub(delay_ns)?);
         let person = played.person.at(then).filter(|_| then >= first.at)?;
-        let robot = limbs_of(arm, &sample.q);
-        let person = std::array::from_fn(|side| robot[side].target(&person[side], arm.rolls));
+        let robot = limbs_of(arms, &sample.q);
+        let person = std::array::from_fn(|side| robot[side].target(&person[side], arms[side].rolls));
         Some((sample.at, limbs_deg(&robot, &person)))
     };
     span.iter().filter_map(error).collect()
 }
 
-pub(super) fn mean_deg(arm: &ArmModel, played: &Played, delay_ms: f64) -> Option<f64> {
+pub(super) fn mean_deg(arms: [&ArmModel; 2], played: &Played, delay_ms: f64) -> Option<f64> {
     let all: Vec<f64> =
-        played.spans.iter().flat_map(|span| errors_deg(arm, played, span, delay_ms)).map(|(_, deg)| deg).collect();
+        played.spans.iter().flat_map(|span| errors_deg(arms, played, span, delay_ms)).map(|(_, deg)| deg).collect();
     mean(&all)
 }
 
@@ -86,14 +86,14 @@ pub(crate) fn mean(values: &[f64]) -> Option<f64> {
 
 /// Returns the figures of a clip. None if the robot was never Engaged for long enough to compare at every
 /// requested delay.
-pub fn judge(arm: &ArmModel, played: &Played, delays_ms: &[f64]) -> Option<ClipFigures> {
-    let now_deg = mean_deg(arm, played, 0.0)?;
-    let at_deg: Option<Vec<f64>> = delays_ms.iter().map(|&delay| mean_deg(arm, played, delay)).collect();
+pub fn judge(arms: [&ArmModel; 2], played: &Played, delays_ms: &[f64]) -> Option<ClipFigures> {
+    let now_deg = mean_deg(arms, played, 0.0)?;
+    let at_deg: Option<Vec<f64>> = delays_ms.iter().map(|&delay| mean_deg(arms, played, delay)).collect();
     // A delay beyond half of the clip would be judged by little of it.
     let samples: usize = played.spans.iter().map(Vec::len).sum();
     let most_ms = BEST_MAX_MS.min(samples as u64 * 10);
     let tried = (0..=most_ms).step_by(BEST_STEP_MS).map(|ms| ms as f64);
-    let tried = tried.filter_map(|ms| mean_deg(arm, played, ms).map(|deg| (deg, ms)));
+    let tried = tried.filter_map(|ms| mean_deg(arms, played, ms).map(|deg| (deg, ms)));
     let (best_deg, best_ms) = tried.reduce(|a, b| if b.0 < a.0 { b } else { a })?;
     let free: Vec<&HandError> = played.hands.iter().filter(|hand| hand.free).collect();
     let hands = |of: fn(&HandError) -> f64| mean(&free.iter().map(|hand| of(hand)).collect::<Vec<_>>());

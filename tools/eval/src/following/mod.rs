@@ -45,7 +45,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
     let _ = rt::flush_denormals();
     let loaded = load(cli)?;
     let stage = Stage::new(&loaded)?;
-    let arm = ArmModel::from_model(&loaded.model);
+    let arms = ArmModel::both(&loaded.model);
     let mut delays_ms = DELAYS_MS.to_vec();
     delays_ms.push(cli.delay_ms);
     delays_ms.sort_by(f64::total_cmp);
@@ -56,7 +56,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
         let played = stage.play(&motion, cli.calibration)?;
         let stopped = played.stopped.iter().map(|why| format!(": {why}")).collect::<String>();
         let never = || format!("not Engaged for long enough{stopped}");
-        judge(&arm, &played, &delays_ms).ok_or_else(never)
+        judge(arms.each_ref(), &played, &delays_ms).ok_or_else(never)
     };
     let files = chosen(folder, cli.clips.as_deref())?;
     let judged: Vec<_> = files.par_iter().map(|file| (stem(file), clip(file))).collect();

@@ -59,17 +59,17 @@ impl Person {
     }
 
     /// Returns the person whose limbs bring the robot's hands to where this person's touch, and the places of these hands.
-    pub fn touching(&self, arm: &ArmModel, correction: &Correction) -> (Self, Hands) {
+    pub fn touching(&self, arms: &[ArmModel; 2], correction: &Correction) -> (Self, Hands) {
         let (mut out, mut memory, mut before) = (self.clone(), Memory::default(), None);
-        let place = |(q, share)| (correction.robot.chain.hand_center(arm, &q), share);
+        let place = |side: usize, (q, share)| (correction.robot[side].chain.hand_center(&arms[side], &q), share);
         let skeletons = out.limbs.iter_mut().zip(&self.positions).zip(&self.origins);
         let hands = skeletons.map(|((limbs, positions), origin)| {
             let seen = limbs.map(Some);
             let elapsed_s = before.replace(*origin).map_or(0.0, |before| origin.since(before) as f64 * 1e-9);
             let Some(geometry) = PersonGeometry::measure(positions, &seen) else { return [None; 2] };
-            let touching = correction.apply(arm, &geometry, (&seen, &[None; 2]), elapsed_s, &mut memory);
+            let touching = correction.apply(arms.each_ref(), &geometry, (&seen, &[None; 2]), elapsed_s, &mut memory);
             *limbs = [0, 1].map(|side| touching[side].unwrap_or(limbs[side]));
-            memory.postures().map(|posture| posture.map(place))
+            [0, 1].map(|side| memory.postures()[side].map(|posture| place(side, posture)))
         });
         let hands = Hands { origins: self.origins.clone(), places: hands.collect() };
         (out, hands)
