@@ -8,7 +8,7 @@ use view::RobotView;
 
 /// Robots of config/robots, from 0.7 m to 1.8 m high.
 const ROBOTS: &str = "tiago_dual unitree_g1 openarm_v10 franka_fr3_duo rby1a unitree_h1 ur5e_pair \
-                      viperx_pair reachy_2 booster_t1";
+                      viperx_pair reachy_2 booster_t1 tiago_pro";
 /// A laptop and a phone.
 const SIZES: [[u32; 2]; 2] = [[1280, 720], [390, 844]];
 /// The closed form needs no weights.

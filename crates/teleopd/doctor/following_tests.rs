@@ -5,7 +5,7 @@ use std::path::Path;
 
 /// The shipped robots.
 const SHIPPED: &str = "tiago_dual tiago_dual_pal_gripper unitree_g1 openarm_v10 franka_fr3_duo rby1a unitree_h1 \
-                       ur5e_pair viperx_pair reachy_2 booster_t1";
+                       ur5e_pair viperx_pair reachy_2 booster_t1 tiago_pro";
 
 fn shipped(name: &str) -> Model {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
