@@ -202,8 +202,8 @@ fn only_disengaged(status: &Status, what: &str, names: &Names) -> String {
 /// Returns advice for a fault whose meaning does not include it.
 fn advice(fault: Fault) -> Option<&'static str> {
     (fault == Fault::InputStale).then_some(
-        "start a client or a policy: `replay builtin --loop`, with the same --run-dir, plays a motion. If one runs, the log \
-         of `ingest` (in the terminal of `up`) says who holds the lease, and why frames were dropped",
+        "start a client or a policy: `replay builtin --loop`, with the same --run-dir, plays a motion. If one runs, its camera may \
+         see nobody. The log of `ingest` (in the terminal of `up`) says who holds the lease, and why frames were dropped",
     )
 }
 

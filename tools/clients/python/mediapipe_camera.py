@@ -20,7 +20,7 @@ import subprocess
 import sys
 import time
 
-from teleopd_client import DEFAULT_RUN_DIR, LAYOUT_MEDIAPIPE66, SkeletonPublisher, TeleopdError
+from teleopd_client import DEFAULT_RUN_DIR, HELD, LAYOUT_MEDIAPIPE66, SkeletonPublisher, TeleopdError, lease_is_held
 
 #: landmarkers that teleopd makes
 MADE = ("full", "lite")
@@ -45,8 +45,8 @@ def made(name):
     program = os.environ.get("TELEOPD") or shutil.which("teleopd") or built
     if not os.path.isfile(program):
         raise Refused(
-            f"--model {name}: teleopd makes it, and is neither on PATH nor built in the current folder: set TELEOPD to its path, or "
-            "give a .task file"
+            f"--model {name}: teleopd makes it, and is neither on PATH nor built in the current folder: run `cargo build --release` in "
+            "the clone and start again there, set TELEOPD to its path, or give a .task file"
         )
     folder = root
     run = subprocess.run([program, "landmarker", name], cwd=folder, capture_output=True, text=True)
@@ -96,11 +96,10 @@ def images(camera, video, loop):
     except ImportError as error:
         raise Refused(f"OpenCV is not installed ({error}): pip install 'teleopd-client[camera]'") from error
     name = f"--video {video}" if video else f"--camera {camera}"
-    if video and not os.path.isfile(video):
-        raise Refused(f"{name}: no such file")
     source = cv2.VideoCapture(video if video else camera)
     if not source.isOpened():
-        raise Refused(f"{name}: cannot be opened")
+        hint = "" if video else " (`ls /dev/video*` shows what there is; --video FILE needs none)"
+        raise Refused(f"{name}: cannot be opened{hint}")
     fps = source.get(cv2.CAP_PROP_FPS)
     period_ns = int(1e9 / (fps if 1.0 <= fps <= 240.0 else FPS))
     due_ns, shown, kept = time.monotonic_ns(), 0, []
@@ -180,9 +179,13 @@ def main(given=None):
     # In the background of a script SIGINT is ignored otherwise.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
+        if options.video and not os.path.isfile(options.video):
+            raise Refused(f"--video {options.video}: no such file")
         landmarker = contextlib.closing(detector(options.model))
         with landmarker as detect, SkeletonPublisher(options.run_dir, layout=LAYOUT_MEDIAPIPE66) as publisher:
             print(f"publishing to {options.run_dir}; Ctrl-C ends", flush=True)
+            if lease_is_held(options.run_dir):
+                print(HELD, flush=True)
             pictures = images(options.camera, options.video, options.loop)
             seen, shown = follow(publisher, pictures, detect, options.mirrored, lambda text: print(text, flush=True))
     except KeyboardInterrupt:
@@ -190,7 +193,7 @@ def main(given=None):
     except (Refused, TeleopdError) as error:
         print(f"teleopd-camera: {error}", file=sys.stderr)
         return 1
-    print(f"a person was seen in {seen} of {shown} images")
+    print(f"a person was seen in {seen} of {shown} images" + ("; the video ended, and --loop repeats it" if options.video else ""))
     return 0
 
 
