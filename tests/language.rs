@@ -17,7 +17,7 @@ fn poor(kind: &str) -> BTreeMap<String, String> {
 const SENTENCE_WORDS_MAX: usize = 30;
 
 /// Budget of lines for each part of the tree: the count of 2026-12-01. Raising one is a decision.
-const BUDGETS: [(&str, usize); 3] = [("product", 76_349), ("tools", 28_350), ("tests", 46_947)];
+const BUDGETS: [(&str, usize); 3] = [("product", 76_348), ("tools", 28_350), ("tests", 46_943)];
 
 fn rust() -> Vec<(String, String)> {
     let mut all = sources::rust_files();

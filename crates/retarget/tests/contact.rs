@@ -7,6 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use retarget::contact::{Correction, Memory, PersonGeometry, Proportions};
 use retarget::{ARM_Q, ArmModel, Config, Limbs, Method, Settings};
+use robot::limbs::place_on_side;
 
 /// Lengths of the person's arms, shoulder to elbow and elbow to wrist, and half of the distance of the shoulders, m.
 const UPPER_M: f64 = 0.3;
@@ -32,15 +33,10 @@ fn person(limbs: &[Limbs; 2], torso: &UnitQuaternion<f64>) -> [[f32; 3]; SMPL_JO
         let shoulder = Vector3::y() * SHOULDER_M;
         let elbow = shoulder + limbs[side].upper * Vector3::y() * UPPER_M;
         let places = [shoulder, elbow, elbow + limbs[side].fore * Vector3::y() * FORE_M];
-        joints.into_iter().zip(places).for_each(|(joint, at)| set(joint, on_side(side, at)));
+        joints.into_iter().zip(places).for_each(|(joint, at)| set(joint, place_on_side(side, at)));
     }
     set(Smpl::Head, Vector3::new(0.03, 0.0, 0.2));
     positions
-}
-
-/// Mirrors a vector between the left arm and the left (0) or right (1) arm.
-fn on_side(side: usize, v: Vector3<f64>) -> Vector3<f64> {
-    if side == 0 { v } else { Vector3::new(v.x, -v.y, v.z) }
 }
 
 fn turned(forward: f64, down: f64, flexion: f64) -> Limbs {
@@ -335,7 +331,7 @@ fn trajectory_has_places_of_touching_hands() {
             let along = (t_s - from_s) / (to_s - from_s);
             let (expected, share) = (from + (to - from) * along, first + (last - first) * along);
             let [left, right] = target.hand_places[i].map(|[x, y, z, _]| Vector3::new(x, y, z).cast::<f64>());
-            assert!((left - on_side(1, right)).norm() < 1e-5, "a person who is a mirror image: {left} {right}");
+            assert!((left - place_on_side(1, right)).norm() < 1e-5, "a person who is a mirror image: {left} {right}");
             let off_m = (left - expected).norm();
             if i < target.trajectory_measured as usize {
                 let weight = f64::from(target.hand_places[i][0][3]);

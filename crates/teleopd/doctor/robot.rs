@@ -75,13 +75,11 @@ pub(super) fn page(loaded: &Loaded, following: &Following) -> Result<String, Fai
 /// How straight the T-pose is, and which joints of the right arm turn against their mirror image.
 fn limbs(out: &mut String, model: &Model) {
     let signs: Vec<&str> = model.arms[1].joint_signs().map(|sign| if sign < 0.0 { "-" } else { "+" }).collect();
-    let (sides, right): (&[usize], _) = match model.mirrored {
-        true => (&[0], format!("right arm mirrors with signs {}", signs.join(" "))),
-        false => (&[0, 1], "the arms do not mirror: each has its own geometry and weights".to_owned()),
-    };
-    for side in sides {
-        let off = |slot: usize, wanted: usize| match model.arms[*side].slots[slot] {
-            Some(_) => format!("{:.2} deg", model.arms[*side].axes[slot][wanted].abs().min(1.0).acos().to_degrees()),
+    let mirrors = format!("right arm mirrors with signs {}", signs.join(" "));
+    let right = if model.mirrored { &mirrors } else { "the arms do not mirror: each has its own geometry and weights" };
+    for arm in &model.arms[..=model.measured_side(1)] {
+        let off = |slot: usize, wanted: usize| match arm.slots[slot] {
+            Some(_) => format!("{:.2} deg", arm.axes[slot][wanted].abs().min(1.0).acos().to_degrees()),
             None => "without roll".to_owned(),
         };
         let (upper, fore, elbow) = (off(2, 1), off(4, 1), off(3, 2));

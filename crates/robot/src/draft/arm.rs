@@ -2,6 +2,7 @@
 
 use super::tree::{moved_links, pose_below};
 use crate::arm::ArmShape;
+use crate::limbs::{axis_on_side, place_on_side};
 use crate::pose::{Pose, rotation};
 use crate::urdf::Tree;
 use messages::ARM_JOINTS;
@@ -64,7 +65,7 @@ pub(super) fn signs(chains: &[ArmChain; 2]) -> Positions {
     let axes = chains.each_ref().map(|chain| chain.axes(&[0.0; ARM_JOINTS]));
     std::array::from_fn(|i| {
         let [Some(left), Some(right)] = axes.each_ref().map(|axes| axes.get(i)) else { return 1.0 };
-        if right.dot(&Vector3::new(-left.x, left.y, -left.z)) < 0.0 { -1.0 } else { 1.0 }
+        if right.dot(&axis_on_side(1, *left)) < 0.0 { -1.0 } else { 1.0 }
     })
 }
 
@@ -96,10 +97,10 @@ impl ArmChain {
         let flip = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0));
         let image = |joint: &DraftJoint| {
             let Pose { r, t } = joint.before_from_joint;
-            let before_from_joint = Pose { r: flip * r * flip, t: flip * t };
-            DraftJoint { before_from_joint, axis: -(flip * joint.axis), ..*joint }
+            let before_from_joint = Pose { r: flip * r * flip, t: place_on_side(1, t) };
+            DraftJoint { before_from_joint, axis: axis_on_side(1, joint.axis), ..*joint }
         };
-        Self::from_joints(self.joints.iter().map(image).collect(), self.shape, flip * self.tip)
+        Self::from_joints(self.joints.iter().map(image).collect(), self.shape, place_on_side(1, self.tip))
     }
 
     fn from_joints(joints: Vec<DraftJoint>, shape: ArmShape, tip: Vector3<f64>) -> Self {
